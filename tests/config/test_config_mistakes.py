@@ -68,35 +68,6 @@ def test_anchors_cannot_multiply_without_limit():
     assert "counting repeated anchors" in line
 
 
-@pytest.mark.parametrize(
-    "force",
-    [
-        "t**-0.9",
-        "log(t)",
-        "sin(t)/t",
-        "(1 - cos(t))/t**2",
-        "sin(t - 1)/(t - 1)",
-        "sin(t - 2)/(t - 2)",
-    ],
-)
-def test_forces_that_are_infinite_or_undefined_at_single_times_may_have_an_integral(force):
-    text = PENDULUM.replace("2.0}", f"2.0, forcing: {force}}}")
-    (experiment,) = parse_config(text, "f.yaml").experiments
-    assert experiment.problem.scene.forcing is not None
-
-
-def test_a_break_point_on_the_grid_is_accepted():
-    forcing = "forcing: {pieces: [{until: 0.3, value: 8}, {value: exp(-t)}]}"
-    text = PENDULUM.replace("2.0}", f"2.0, {forcing}}}").replace("[4]", "[20, 40, 1000]")
-    (experiment,) = parse_config(text, "f.yaml").experiments
-    assert experiment.problem.scene.break_points == (0.3,)
-
-
-def test_a_piece_that_begins_where_its_formula_is_infinite_is_accepted():
-    forcing = "forcing: {pieces: [{until: 1, value: 0}, {value: 1/sqrt(t - 1)}]}"
-    parse_config(PENDULUM.replace("2.0}", f"2.0, {forcing}}}"), "f.yaml")
-
-
 def test_names_of_experiments_differ_also_where_case_is_ignored():
     one = (
         "  - {{name: {}, problem: {{kind: pendulum, final_time: 1}}, ladder: {{steps: 4}}, "
@@ -126,12 +97,6 @@ def test_at_most_a_hundred_complaints_are_printed():
     lines = complaints_about(text)
     assert len(lines) == 101
     assert lines[-1] == "... and 50 more"
-
-
-def test_text_of_strangers_stays_in_one_printable_line():
-    text = 'name: "a\\e[31m\\nb"\n"k\\ne\\ny": 1\n'
-    for line in complaints_about(text):
-        assert line.isprintable(), line
 
 
 class TestFiles:

@@ -1,6 +1,5 @@
 """What a file declares of a matrix is checked before memory is taken or a library sees it."""
 
-import base64
 import io
 import struct
 import zipfile
@@ -13,10 +12,8 @@ from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array, 
 from scipy.sparse import save_npz as save
 
 from fvi_cli.scenes.records.data_files import DataFileError
-from fvi_cli.scenes.structures import archives
-from fvi_cli.scenes.structures.declared import MOST_DENSE_ROWS, MOST_ROWS
+from fvi_cli.scenes.structures.declared import MOST_ROWS
 from fvi_cli.scenes.structures.matrix_files import read_matrix
-from fvi_cli.scenes.structures.matrix_keys import matrix_from_text
 
 N = 40
 FULL = np.diag(np.full(N, 2.0)) - np.diag(np.ones(N - 1), 1) - np.diag(np.ones(N - 1), -1)
@@ -91,55 +88,6 @@ def mat(mclass, dims, *arrays, name=b"K", compressed=False, nzmax=9):
     return b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM" + matrix
 
 
-def sparse_mat(rows, ends, data, dims=(3, 3), **more):
-    return mat(
-        5,
-        dims,
-        element(5, np.array(rows, "<i4").tobytes()),
-        element(5, np.array(ends, "<i4").tobytes()),
-        element(9, np.array(data, "<f8").tobytes()),
-        **more,
-    )
-
-
-GOOD = ([0, 1, 2], [0, 1, 2, 3], [1.0, 2.0, 3.0])
-
-
-@pytest.mark.parametrize("compressed", [False, True])
-def test_no_index_of_a_mat_file_lies_outside(tmp_path, compressed):
-    path = tmp_path / "K.mat"
-    path.write_bytes(sparse_mat(*GOOD, compressed=compressed))
-    assert np.array_equal(read_matrix(path, "K").form, np.diag([1.0, 2.0, 3.0]))
-    for rows, ends, data, dims in (
-        ([0, LARGE, -5], *GOOD[1:], (3, 3)),
-        ([0, 1, 3], *GOOD[1:], (3, 3)),
-        (GOOD[0], [0, LARGE, 1, 3], GOOD[2], (3, 3)),
-        (GOOD[0], [0, 2, 1, 3], GOOD[2], (3, 3)),
-        (GOOD[0], [1, 1, 2, 3], GOOD[2], (3, 3)),
-        (GOOD[0], [0, 1, 2, -1], GOOD[2], (3, 3)),
-        (GOOD[0], [0, 1, 2, 4], GOOD[2], (3, 3)),
-        (GOOD[0], [0, 1, 2], GOOD[2], (3, 3)),
-        (*GOOD, (LARGE, LARGE)),
-        (*GOOD, (-3, 3)),
-        (*GOOD, (3, 4)),
-    ):
-        path.write_bytes(sparse_mat(rows, ends, data, dims, compressed=compressed))
-        with pytest.raises(DataFileError, match=r"^K: "):
-            read_matrix(path, "K")
-
-
-def test_what_is_no_matrix_of_numbers_is_never_made(tmp_path):
-    path = tmp_path / "K.mat"
-    for mclass, kind in ((1, "cell"), (2, "struct"), (4, "char")):
-        # 8 GB of cells in 184 bytes
-        path.write_bytes(mat(mclass, (2**15, 2**15)))
-        with pytest.raises(DataFileError, match=f"K is {kind}; it must be a matrix of real num"):
-            read_matrix(path, "K")
-    savemat(path, {})
-    with pytest.raises(DataFileError, match="it contains no matrix"):
-        read_matrix(path, "K")
-
-
 def test_sizes_that_are_declared_are_bounded(tmp_path):
     def refused(name, content, message):
         path = tmp_path / name
@@ -185,57 +133,6 @@ def encrypted():
     content = bytearray(zipped(b"secret"))
     content[content.index(b"PK\x01\x02") + 8] |= 1
     return bytes(content)
-
-
-def test_a_large_dense_file_of_few_entries_is_taken_as_sparse(tmp_path):
-    rows = 2100
-    path = tmp_path / "K.npy"
-    np.save(path, np.eye(rows))
-    assert read_matrix(path, "K").form.shape == (rows, rows)
-    np.save(path, np.ones((rows, rows), dtype=np.int8))
-    with pytest.raises(DataFileError, match="has 2100 rows; a dense matrix may have 2000; save"):
-        read_matrix(path, "K")
-
-
-def test_the_largest_dense_matrix_may_be_compressed(tmp_path):
-    path, largest = tmp_path / "K.npz", np.eye(MOST_DENSE_ROWS)
-    np.savez_compressed(path, K=largest)
-    assert read_matrix(path, "K").form.shape == largest.shape
-    savemat(tmp_path / "K.mat", {"K": largest}, do_compression=True)
-    assert read_matrix(tmp_path / "K.mat", "K").form.shape == largest.shape
-
-
-def test_a_large_file_may_unpack_to_what_is_in_proportion():
-    noise = np.random.default_rng(1).integers(0, 256, 9_000_000, dtype=np.uint8)
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, other=noise, K=np.zeros(34_000_000, dtype=np.uint8))
-    assert archives.read_npz(buffer.getvalue(), "K", "K").size == 34_000_000
-
-
-def text_of(kind, rows, content):
-    return f"{kind} {rows} {base64.b64encode(zlib.compress(content, 9)).decode()}"
-
-
-def test_the_text_of_a_matrix_holds_what_it_declares():
-    def sparse(ends, columns, data=(1.0, 2.0)):
-        parts = (np.array(ends, "<i4"), np.array(columns, "<i4"), np.array(data, "<f8"))
-        return text_of("sparse", len(ends) - 1, b"".join(part.tobytes() for part in parts))
-
-    assert np.array_equal(matrix_from_text(sparse([0, 1, 2], [0, 1])).toarray(), np.diag([1, 2]))
-    for text in (
-        sparse([0, 1, 2], [0, LARGE]),
-        sparse([0, 1, 2], [1, 1]),
-        sparse([0, LARGE, 2], [0, 1]),
-        sparse([0, 1, LARGE], [0, 1]),
-        sparse([0, 1, 2], [0, 1], (np.inf, 1.0)),
-        text_of("sparse", 9_999_999, bytes(40_000_000)),
-        text_of("dense", 9_999_999, b""),
-        text_of("dense", 2, bytes(100_000_000)),
-        text_of("dense", 2, bytes(16)),
-        text_of("dense", 1, struct.pack("<d", np.nan)),
-    ):
-        with pytest.raises(ValueError, match="not a matrix as text: "):
-            matrix_from_text(text)
 
 
 def test_the_large_ones_of_every_kind_stay_readable(tmp_path):
