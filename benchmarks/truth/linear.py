@@ -199,7 +199,7 @@ def _crossing(w: Array, sizes: Array, n: int, way: int) -> float:
 
 
 def stability(random: Random, words: list[str]) -> Claims:
-    """Predictions and largest stable steps of backward differences of degree 1, from the CSV."""
+    """Predictions of backward differences of degree 1."""
     p, order = int(random.integers(1, 7)), float(random.uniform(0.02, 1.98))
     sampling = str(random.choice(["nodes", "points"]))
     k, mu = (float(10 ** random.uniform(-1, 2)), float(10 ** random.uniform(-2.5, 1)))
@@ -221,15 +221,14 @@ def stability(random: Random, words: list[str]) -> Claims:
         "ladder": {"steps": steps},
     }
     repeat(words, config, "stability", "--no-observe")
-    printed: list[tuple[int, str, float]] = []
+    printed: list[tuple[int, str]] = []
     if random.random() < 0.1:
         _, _, tables = command(config, "stability", "--no-observe")
         for line in tables["stability"]:
-            limit = float(line["largest_stable_step"])
-            printed.append((int(line["n_steps"]), line["predicted"], limit))
+            printed.append((int(line["n_steps"]), line["predicted"]))
     else:
         (table,) = fvi.stability(config, observe=False)
-        printed += [(r.run.n_steps, r.verdict, r.largest_stable_step) for r in table.rows]
+        printed += [(r.run.n_steps, r.verdict) for r in table.rows]
 
     def grows(h: float, n_steps: float) -> bool | None:
         """Whether a mode outgrows 1000 in so many steps; None where it nearly does."""
@@ -239,18 +238,11 @@ def stability(random: Random, words: list[str]) -> Claims:
         ]
         return counts[0] > 0 if (counts[0] > 0) == (counts[1] > 0) else None
 
-    for n, verdict, _ in printed:
+    for n, verdict in printed:
         truth = grows(span / n, n)
         if truth is not None and verdict in ("stable", "unstable"):
             said = float(verdict == "unstable")
             yield Claim(f"instability at N = {n}", said, float(truth), 0.5)
-    limit = printed[0][2] / tau
-    if math.isfinite(limit) and limit > 0:
-        for h in limit * np.linspace(0.04, 0.98, 24):
-            if span / h >= 1 and grows(h, span / h):
-                yield Claim("largest stable step", limit, float(h), 1e-3 * limit)
-                return
-        yield Claim("largest stable step", limit, limit, 1e-3 * limit)
 
 
 def _roots_inside(p: int, order: float, sampling: str, k: float, mu: float, radius: float) -> int:

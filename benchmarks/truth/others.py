@@ -32,7 +32,7 @@ def laws(random: Random, words: list[str]) -> Claims:
     order, rest = float(random.uniform(0.1, 0.97)), float(10 ** random.uniform(-2, 1))
     size, relaxed = float(10 ** random.uniform(-1.5, 0.7)), float(random.uniform(0, 2))
     moduli, times = (10 ** random.uniform(-1, 0.5, (2, 2))).tolist()
-    kind = str(random.choice(["zener", "maxwell", "prony", "tempered"]))
+    kind = str(random.choice(["zener", "maxwell", "prony"]))
     is_pendulum = random.random() < 0.4
     if is_pendulum:
         kind, relaxed = "prony", 0.0
@@ -49,16 +49,10 @@ def laws(random: Random, words: list[str]) -> Claims:
             {"relaxed": relaxed, "moduli": moduli, "times": [t * tau for t in times]},
             talbot.prony(moduli, times, relaxed),
         ),
-        # its modulus has the unit of time**-order
-        "tempered": (
-            {"order": order, "rate": 1 / rest / tau},
-            talbot.tempered(order, 1 / rest, size),
-        ),
     }[kind]
-    scale = stiff * (size * tau**order if kind == "tempered" else 1.0)
     plain = np.sort(random.uniform(0.05, 1, N_TIMES)) * span
     problem: dict[str, Any] = {
-        "damping": [{"law": kind, **entry, "coefficient": scale}],
+        "damping": [{"law": kind, **entry, "coefficient": stiff}],
         "initial": {"position": x0 * length, "velocity": v0 * length / tau},
         "final_time": span * tau,
         "exact": "none",

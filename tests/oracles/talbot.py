@@ -73,11 +73,6 @@ def prony(
     return Law(modulus, relaxed, matrix)
 
 
-def tempered(order: float, rate: float, matrix: ArrayLike = 1.0) -> Law:
-    r""":math:`s (s + l)^{\gamma - 1}`."""
-    return Law(lambda s: s * (s + rate) ** (mpmath.mpf(order) - 1), 0.0, matrix)
-
-
 def step(vector: ArrayLike = 1.0, start: float = 0.0) -> Load:
     """A force that is constant from `start` on."""
     return Load(lambda s: 1 / s, vector, start)

@@ -257,11 +257,3 @@ def test_loads_that_begin_later_and_powers_of_time():
     assert_same(solve_volterra(1, terms, **arguments, powers=[(-0.5, 0.3)]), times, known)
     with pytest.raises(AssertionError):
         assert_same(solve_volterra(1, terms, **arguments), times, known, 1e-3)
-
-
-def test_a_tempered_law_that_forgets_nothing_is_a_springpot():
-    springpot = talbot.linear_response(1, 2, [(0.6, 0.4)], 1, 0.5, [2.0], degree=60)
-    for rate, same in ((0.0, True), (0.01, False)):
-        laws = [talbot.tempered(0.6, rate, 0.4)]
-        tempered = talbot.linear_response(1, 2, [], 1, 0.5, [2.0], laws=laws, degree=60)
-        assert bool(abs(tempered[0] - springpot[0]).max() < 1e-13) is same
