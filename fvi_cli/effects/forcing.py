@@ -17,7 +17,6 @@ from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.intervals.singularities import pole_inside
 
 ForceComponent = Expression | SampledForce | FunctionForce
 
@@ -163,16 +162,14 @@ class Forcing:
     def objection(self, final_time: float) -> str:
         """Why the force is not allowed up to a time; empty if it is allowed.
 
-        Samples must reach to the end of their piece. After the beginning of its piece a formula may
-        have no place around which its integral is infinite.
+        Samples must reach to the end of their piece.
         """
         begin, slack = 0.0, 1e-9 * final_time
         for piece in self.pieces:
             end = min(piece.until, final_time)
             if not begin < end:
                 break
-            for component, places in piece.distinct:
-                where = f"component {places[0] + 1}" if self.dimension > 1 else "it"
+            for component, _ in piece.distinct:
                 if isinstance(component, SampledForce):
                     first, last = float(component.knots[0]), float(component.knots[-1])
                     if first > begin + slack or last < end - slack:
@@ -180,15 +177,6 @@ class Forcing:
                             f"{component.source} has samples from {first:g} to {last:g}, but acts "
                             f"from {begin:g} to {end:g}; give more of them, or beyond='zero' for "
                             "no force behind the last"
-                        )
-                formula = formula_of(component)
-                if formula is not None and not formula.is_constant:
-                    pole = pole_inside(formula, begin, end)
-                    if pole is not None:
-                        return (
-                            f"{where} grows like |t - {pole[0]:.10g}|**{pole[1]:g} at t = "
-                            f"{pole[0]:.10g}, so that its integral is infinite; powers above -1 "
-                            "are allowed"
                         )
             begin = end
         return ""

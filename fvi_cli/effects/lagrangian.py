@@ -2,14 +2,13 @@ r"""A Lagrangian whose mass matrix is not constant, or whose energies do not sep
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
-from fvi_cli.effects.potential import plus_linear
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
@@ -170,18 +169,6 @@ class Lagrangian:
         if self.stiffness is not None:
             slopes[..., 0, :, :] -= self.stiffness
         return np.asarray(slopes)
-
-    def forces_on(
-        self, position: Sequence[T], velocity: Sequence[T], time: T | float
-    ) -> tuple[list[T | float], list[T | float]]:
-        """dL/dv and dL/dq on any algebra: d values each (numbers where one is constant)."""
-        point = dict(zip(self.variables, (*position, *velocity, time), strict=False))
-        names: dict[str, T | float] = {**self.parameters, **point}
-        values = self.first.evaluate(names)
-        momenta, forces = values[: self.dimension], values[self.dimension :]
-        if self.stiffness is not None:
-            forces = plus_linear(forces, -self.stiffness, position)
-        return momenta, forces
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """The velocity that belongs to a momentum, by Newton's iteration; shape ``(..., d)``.

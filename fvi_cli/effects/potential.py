@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -198,12 +198,6 @@ class ExpressionPotential(_StiffenedPotential):
         columns = zip(self.coordinates, np.moveaxis(position, -1, 0), strict=True)
         return system.evaluate({**(parameters or self.parameters), **dict(columns)})
 
-    def gradient_components(self, position: Sequence[Any]) -> list[Any]:
-        """dV/dq on any algebra: d values to d values (numbers where an entry is constant)."""
-        components = dict(zip(self.coordinates, position, strict=True))
-        found = self.gradient_system.evaluate({**self.parameters, **components})
-        return found if self.stiffness is None else plus_linear(found, self.stiffness, position)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SuppliedPotential(_StiffenedPotential):
@@ -317,14 +311,6 @@ class LinearPotential:
     def energy(self, position: Array) -> Array:
         """Its energy, shapes ``(..., d)`` to ``(...)``."""
         return np.asarray(self.offset - position @ self.force)
-
-
-def plus_linear(values: Sequence[Any], matrix: Form, position: Sequence[Any]) -> list[Any]:
-    """The values plus K q, on any algebra."""
-    return [
-        sum((float(a) * x for a, x in zip(row, position, strict=True) if a), value)
-        for value, row in zip(values, dense(matrix), strict=True)
-    ]
 
 
 def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:

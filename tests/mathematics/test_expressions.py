@@ -204,26 +204,3 @@ def test_agrees_with_pythons_own_arithmetic(text):
         rtol=1e-13,
         atol=1e-13,
     )
-
-
-@pytest.mark.parametrize(
-    ("text", "is_entire"),
-    [
-        ("1 - cos(x)", True),
-        ("x**4/4 - 3*x**2 + abs(x)", True),
-        ("tanh(y/2)*exp(-x**2)", True),
-        ("1/(1 + x**2)", False),
-        ("x**-2", False),
-        ("x**0.5", False),
-        ("x**y", False),
-        ("log(x)", False),
-        ("gamma(x)", False),
-        ("tan(x)", False),
-    ],
-)
-def test_what_is_finite_everywhere(text, is_entire):
-    found = Expression.parse(text, variables=("x", "y")).system
-    assert found.is_entire == is_entire
-    if is_entire:
-        places = np.linspace(-30.0, 30.0, 4001)
-        assert np.isfinite(found.evaluate({"x": places, "y": places[::-1]})[0]).all()

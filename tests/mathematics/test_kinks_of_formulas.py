@@ -1,4 +1,4 @@
-"""min, max, abs and sign as primitives: values, derivatives, ranges, series, steps."""
+"""min, max, abs and sign as primitives: values, derivatives, series, steps."""
 
 import random
 
@@ -8,8 +8,7 @@ import pytest
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.expressions import Expression, slopes_of, slopes_system
-from fvi_cli.mathematics.intervals.functions import Interval
+from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
@@ -66,7 +65,7 @@ PRECISE = {
 
 @pytest.mark.parametrize("seed", range(40))
 def test_drawn_formulas_agree_with_50_digits(seed):
-    """Values, slopes between kinks, and ranges."""
+    """Values, and slopes between kinks."""
     chance = random.Random(seed)
     text, at = drawn(chance, 3), chance.choice((-1, 1)) * 10.0 ** chance.uniform(-9, 9)
     formula = Expression.parse(text, ("t",))
@@ -83,35 +82,6 @@ def test_drawn_formulas_agree_with_50_digits(seed):
     found = slope(text, at)
     if sides[0] == pytest.approx(sides[1], rel=1e-9, abs=1e-20):
         assert found == pytest.approx(sides[0], rel=1e-6, abs=1e-9 * max(map(abs, sides)))
-    low, high = sorted((at, at * chance.uniform(-2, 3)))
-    box = formula.evaluate({"t": Interval(np.array(low), np.array(high))})
-    inside = np.linspace(low, high, 101)
-    values = np.broadcast_to(formula.evaluate({"t": inside}), inside.shape)
-    slack = 1e-9 * np.abs(values).max() + 1e-300
-    if isinstance(box, Interval):
-        assert box.low <= values.min() + slack
-        assert box.high >= values.max() - slack
-
-
-def test_ranges_are_exact():
-    box = Interval(np.array([0.0]), np.array([10.0]))
-    for text, low, high in [
-        ("min(t, 1)", 0, 1), ("max(t, 1)", 1, 10), ("min(t, 5) + max(t, 5)", 5, 15),
-        ("min(1/(t + 1e-300), 5)", 0.1, 5),
-    ]:  # fmt: skip
-        found = Expression.parse(text, ("t",)).evaluate({"t": box})
-        assert (found.low[0], found.high[0]) == (low, high)
-
-
-@pytest.mark.parametrize(
-    ("word", "below", "above"), [("min", (1.0, 2.0), (3.0, 3.0)), ("max", (3.0, 3.0), (8.0, 10.0))]
-)
-def test_ranges_of_slopes_are_those_of_the_side_that_is_taken(word, below, above):
-    system = slopes_system(Expression.parse(f"{word}(t**2, 3*t)", ("t",)).system, ("t",))
-    # before both are 9, behind it, and across it
-    box = Interval(np.array([0.5, 4.0, 0.5]), np.array([1.0, 5.0, 5.0]))
-    _, found = system.evaluate({"t": box})
-    assert [*zip(found.low, found.high, strict=True)] == [below, above, (1.0, 10.0)]
 
 
 def test_a_force_that_overflows_where_it_is_not_taken_ends_no_run():

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.domain import check_domain
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.results.diagnostics import NewtonRecord
 from fvi_cli.integrator.trajectory import Trajectory
@@ -50,11 +49,6 @@ def baseline_trajectory(
     """
     finished = time.perf_counter()
     h = scene.final_time / n_steps
-    times = h * np.arange(1, position.shape[0], dtype=float)
-    left = check_domain(scene.potential, position, 1, times, 0)
-    if left is not None:
-        kept, failure = left[0] + 1, left[1]
-        position, velocity = position[:kept], None if velocity is None else velocity[:kept]
     momentum = energy = None
     if velocity is not None:
         with np.errstate(over="ignore", invalid="ignore"):

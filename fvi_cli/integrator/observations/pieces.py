@@ -13,7 +13,6 @@ decision on a member depends on others.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -99,17 +98,13 @@ class Criterion(Protocol):
     """Samples a function on pieces and says which of them are halved."""
 
     def __call__(
-        self, depth: int, step: Places, tau: Array, part: Places, carried: Array
-    ) -> tuple[Array, Array, Mask, Array]:
-        """Values, coefficients, the pieces to be halved, and two numbers to pass on to halves.
+        self, depth: int, step: Places, tau: Array, part: Places
+    ) -> tuple[Array, Array, Mask]:
+        """Values, coefficients, and the pieces to be halved.
 
         After `depth` halvings the pieces have the steps ``(n,)``, Chebyshev points ``(n, POINTS)``
-        and numbers of their parts ``(n,)``; `carried`, ``(n, 2)``, has the numbers from the pieces
-        of which they are halves, at first :data:`NO_CARRY`.
+        and numbers of their parts ``(n,)``.
         """
-
-
-NO_CARRY = (math.inf, 0.0)
 
 
 def parts_of(first: int, count: int, end: float = 1.0) -> list[StepPart]:
@@ -139,14 +134,13 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
     part = np.repeat(np.arange(len(parts)), sizes)
     begin, end = np.zeros(step.size), np.ones(step.size)
     end[np.cumsum(sizes) - 1] = [one.end for one in parts]
-    carried = np.tile(NO_CARRY, (step.size, 1))
     lost: list[float] = []
     done: list[tuple[NDArray[np.generic], ...]] = []
     depth = 0
     while step.size:
         tau = begin[:, None] + 0.5 * (_NODES + 1.0) * (end - begin)[:, None]
         tau[:, -1] = end
-        values, coefficients, rough, carried = criterion(depth, step, tau, part, carried)
+        values, coefficients, rough = criterion(depth, step, tau, part)
         count = int(np.count_nonzero(rough))
         if 2 * count > MOST_PIECES:
             if len(parts) > 1:
@@ -164,7 +158,6 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
         begin = np.stack([begin[rough], middle], axis=1).ravel()
         end = np.stack([middle, end[rough]], axis=1).ravel()
         step, part = np.repeat(step[rough], 2), np.repeat(part[rough], 2)
-        carried = np.repeat(carried[rough], 2, axis=0)
         depth += 1
     columns = [np.concatenate(one) for one in zip(*done, strict=True)]
     order = np.lexsort((columns[1], columns[0]))

@@ -31,11 +31,6 @@ Instruction = tuple[str | float | int, ...]
 operator or function with the places of its operands."""
 
 OPERATORS: Final = ("+", "-", "*", "/")
-_SMOOTH: Final = ("sin", "cos", "exp", "expm1", "sinh", "cosh", "tanh", "arctan", "arcsinh")
-ENTIRE: Final = frozenset(
-    ("number", "variable", "negate", "+", "-", "*", "square", "cbrt", *_SMOOTH)
-) | frozenset(("select", "min", "max", "abs", "sign"))
-"""Operations whose value is finite wherever the operands are, except for overflow."""
 LARGEST_WHOLE_POWER: Final = 1e9  # smaller integral exponents are of type int
 _EVERY: Final = {**NUMPY_FUNCTIONS, **INNER_FUNCTIONS}
 _OF_NUMBERS: Final[Mapping[str, Callable[..., Any]]] = {
@@ -80,22 +75,6 @@ class FormulaSystem:
     def called(self) -> frozenset[str]:
         """Functions that occur, including those that only derivatives call."""
         return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
-
-    @cached_property
-    def is_entire(self) -> bool:
-        """Whether its values are finite wherever its variables are, except for overflow."""
-        for place in self.needed:
-            kind, *rest = self.instructions[place]
-            if kind == "/":
-                divisor = self.instructions[int(rest[1])]
-                is_finite = divisor[0] == "number" and divisor[1] != 0
-            elif kind == "**":
-                is_finite = float(rest[1]).is_integer() and float(rest[1]) >= 0
-            else:
-                is_finite = kind in ENTIRE
-            if not is_finite:
-                return False
-        return True
 
     def __getitem__(self, which: slice) -> FormulaSystem:
         """The program of some outputs."""

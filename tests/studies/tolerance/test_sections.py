@@ -9,7 +9,6 @@ from oracles.volterra import solve_volterra
 from spread import few_of
 
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.observations import search
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -33,7 +32,7 @@ def draw(seed: int) -> dict[str, object]:
     random = np.random.default_rng([29, seed])
     unit = float(10 ** random.uniform(-3, 3))
     final_time = unit * float(random.uniform(2.0, 8.0))
-    every, count = int(random.integers(2, 50)), int(random.integers(3, 40))
+    every, step = int(random.integers(2, 50)), final_time / int(random.integers(3, 40))
     order = float(random.choice([random.uniform(0.1, 0.95), 1.0, random.uniform(1.05, 1.9)]))
     return {
         "stiffness": unit**-2 * float(random.uniform(0.5, 10.0)),
@@ -48,7 +47,7 @@ def draw(seed: int) -> dict[str, object]:
         "rate": float(10 ** random.uniform(1.0, 3.8)) * math.pi / final_time,
         "phase": float(random.uniform(0.2, 3.0)),
         "direction": ("rising", "falling", "any")[seed % 3],
-        "more": ("", f"store: {{every: {every}}}", f"output: {{count: {count}}}")[seed // 2 % 3],
+        "more": ("", f"store: {{every: {every}}}", f"output: {{step: {step}}}")[seed // 2 % 3],
     }
 
 
@@ -92,13 +91,3 @@ def check(data: dict[str, object]) -> None:
 @few_of(2, 120)
 def test_drawn_sections(seed):
     check(draw(seed))
-
-
-def test_by_values_alone_sections_are_not_complete(monkeypatch):
-    """The control: pieces of which only values are looked at, as if the formula were a motion."""
-    monkeypatch.setattr(search, "Isolated", search.Resolved)
-    lost = 0
-    for seed in range(4):
-        data = draw(seed) | {"more": "", "rate": 6e3 * math.pi / draw(seed)["final_time"]}
-        lost += run(data).trajectory.observed.events["period"].time.size < expected_times(data).size
-    assert lost == 4

@@ -1,1 +1,0 @@
-"""Ranges of formulas: interval arithmetic on arrays."""
