@@ -6,9 +6,9 @@ import os
 
 import numpy as np
 import pytest
-from cost_tables import COUNTS, GAUSS, row, table
 from written_out import every_lag_written_out
 
+import fvi_cli as fvi
 from benchmarks import __main__ as page
 from benchmarks.accuracy import cost_goals
 from benchmarks.measuring import in_own_process
@@ -16,7 +16,6 @@ from benchmarks.memory import measure_memory, memory_cases
 from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
 from benchmarks.truth import run_truth, truth_table
 from benchmarks.truth.judging import Claim, RefusedError, UnjudgedError, judge
-from fvi_cli.studies.cost import CostCase
 
 
 @pytest.fixture(autouse=True)
@@ -75,8 +74,7 @@ class TestMemory:
 def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypatch):
     few = stepping_cases(6)[:1]
     monkeypatch.setattr("benchmarks.stepping.stepping_cases", lambda exponent: few)
-    gauss = tuple(row(n, 10.0 * n**-6.0, 1e-3) for n in COUNTS)
-    pendulum = table(CostCase(method=GAUSS, rows=gauss), name="cost-pendulum")
+    (pendulum,) = fvi.cost(fvi.load("cost-pendulum", overrides=["ladder.steps=[20]"]), repeats=1)
     monkeypatch.setattr(page, "run_accuracy", lambda: cost_goals([pendulum], 1e-2))
     page.main(["stepping", "accuracy", "--exponent", "6", "--output", str(tmp_path)])
     text = (tmp_path / "benchmark.md").read_text(encoding="utf-8")

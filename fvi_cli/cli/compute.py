@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fvi_cli.cli.command import COMPUTED, CONFIGURED, DRAWN, Call, command
-from fvi_cli.cli.options import Configs, Sources, UsualConfigs
+from fvi_cli.cli.options import Configs, Sources
 
 if TYPE_CHECKING:
     from fvi_cli.runner.outcome import Outcome
     from fvi_cli.runner.request import Request
-    from fvi_cli.studies.cost import CostTable
     from fvi_cli.studies.fits.result import FitResult
 
 
@@ -51,34 +50,24 @@ def run(call: Call, sources: Sources) -> int:
 @command(
     *CONFIGURED,
     *DRAWN,
-    "allow_unstable",
     examples="""
     fvi cost damped-oscillator
-    fvi cost mine.yaml --set 'ladder.steps=[64, 128, 256]' --format svg
+    fvi cost mine.yaml --set 'ladder.steps=[64, 128, 256]' --repeats 9
     """,
 )
 def cost(
     call: Call,
-    configs: UsualConfigs = None,
+    configs: Configs,
+    repeats: Annotated[
+        int, typer.Option("--repeats", min=1, metavar="N", help="How often every run is timed.")
+    ] = 5,
 ) -> int:
-    """Measure error, time, memory and work of every method; without arguments, remake the page."""
-    from fvi_cli.render.cost import PAGE_CONFIGS, write_page
+    """Measure error, time and work of every method and baseline, one run after the other."""
     from fvi_cli.runner.cost import cost as measure
-    from fvi_cli.runner.cost import measurable
+    from fvi_cli.runner.cost import cost_tasks, measurable
 
-    finished: dict[str, list[CostTable]] = {}
-
-    def show(tables: list[CostTable], request: Request) -> None:
-        finished[request.name] = tables
-        is_whole = not configs and len(finished) == len(call.requests)
-        call.show(
-            tables,
-            request,
-            also=lambda: [write_page(call.output, finished)] if is_whole else [],
-        )
-
-    call.requests = measurable(call.gather(configs or PAGE_CONFIGS))
-    return call.each(measure, show, report=lambda tables, request: tables)
+    call.requests = measurable(call.gather(configs))
+    return call.each(measure, tasks=cost_tasks, repeats=repeats)
 
 
 @command(

@@ -17,7 +17,6 @@ _configs = typer.Argument(
     autocompletion=shipped_names,
 )
 Configs = Annotated[list[str], _configs]
-UsualConfigs = Annotated[list[str] | None, _configs]
 _sources = typer.Argument(
     metavar="CONFIG|FILE.h5",
     help="Files, names of shipped configurations, or results of `fvi run`.",

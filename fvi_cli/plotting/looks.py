@@ -61,7 +61,6 @@ class Look:
 
 
 EXACT = Look(colour="#bdbdbd", width=4.0, is_broad=True)
-CHEAPEST = Look(colour="#f6d27c", marker="o", width=6.0, size=6.0, is_broad=True)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -203,8 +203,7 @@ def compute_jobs(
             is_failure = take(one)
             for run, result in zip(one.job.runs, one.results, strict=True):
                 found = result.run if isinstance(result, FinishedRun) else run
-                doing = one.job.title if one.job.kind == "cost" else found.title
-                bar.finished(_named(doing, title), one.job.runs[0], run.n_steps)
+                bar.finished(_named(found.title, title), one.job.runs[0], run.n_steps)
             references.forget(one.job)
             if settings.fail_fast and is_failure:
                 _logger.error("stopped at the first unexpected failure (--fail-fast)")
@@ -261,8 +260,8 @@ def _watch(bar: RunBar, title: str) -> Watch | None:
 
     def watch(job: Job, done: int, n_steps: int) -> None:
         first = job.runs[0]
-        # the steps of a search are not known in advance, and a cost is measured in several runs
-        if first.is_search or job.kind == "cost":
+        # the steps of a search are not known in advance
+        if first.is_search:
             return
         name = _named(first.title, title)
         share = f"{100 * done // n_steps} %"

@@ -2,30 +2,16 @@
 
 from __future__ import annotations
 
-import functools
 import logging
-import tempfile
-from collections.abc import Callable, Sequence
-from dataclasses import replace
-from pathlib import Path
+from collections.abc import Sequence
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.compute import compute_jobs
-from fvi_cli.runner.executors.jobs import Crash, FinishedJob, Job, References, Results, jobs_of
-from fvi_cli.runner.request import Request, Source, requested
-from fvi_cli.runner.settings import Settings
-from fvi_cli.storage import open_results
-from fvi_cli.studies.cost import (
-    TOLERANCES,
-    CostRow,
-    CostTable,
-    ToleranceRow,
-    cost_table,
-    measure_cost,
-    measure_tolerance,
-)
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, FinishedRun
-from fvi_cli.studies.reference import refined_references
+from fvi_cli.integrator.method_names import method_name
+from fvi_cli.runner.progress import progress_bar
+from fvi_cli.runner.request import Request, Source, Task, requested
+from fvi_cli.studies.cost import REPEATS, CostTable, measure_cost
+from fvi_cli.studies.experiment import NEEDS_LADDER
+from fvi_cli.studies.reference import reference_of
 
 _logger = logging.getLogger(__name__)
 
@@ -67,16 +53,18 @@ def measurable(requests: Sequence[Request]) -> list[Request]:
     return list(requests)
 
 
-def cost(source: Source, *, fail_fast: bool = False, progress: bool = False) -> list[CostTable]:
-    """Error, time, memory and work of every method, as ``fvi cost`` measures them.
+def cost(source: Source, *, repeats: int = REPEATS, progress: bool = False) -> list[CostTable]:
+    """Error, time and work of every method, as ``fvi cost`` measures them.
 
-    One run after the other, in this process; writing is measured on a file in a temporary folder.
+    One run after the other, in this process.
 
     Parameters
     ----------
     source
         As for :func:`load`.
-    fail_fast, progress
+    repeats
+        How often every run is timed.
+    progress
         As for :func:`run`.
 
     Raises
@@ -84,62 +72,35 @@ def cost(source: Source, *, fail_fast: bool = False, progress: bool = False) -> 
     RequestError
         For a sweep, and where nothing is integrated.
     """
+    if repeats < 1:
+        raise RequestError(f"--repeats {repeats}: is not allowed; it must be 1 or more")
     (request,) = measurable([requested(source)])
-    settings = Settings(output=Path(), fail_fast=fail_fast, show_progress=progress, keep=False)
-    jobs: list[Job] = []
-    for experiment in request.loaded.experiments:
-        runs = experiment.runs()
-        own = [replace(one, kind="cost") if one.kind == "run" else one for one in jobs_of(runs)]
-        last = max(own, key=lambda one: one.runs[0].n_steps)
-        jobs += own + [replace(last, tolerance=tolerance) for tolerance in TOLERANCES]
-    rows: dict[Experiment, list[CostRow]] = {one: [] for one in request.loaded.experiments}
-    searches: dict[Experiment, list[ToleranceRow]] = {one: [] for one in rows}
-
-    def take(one: FinishedJob) -> bool:
-        (run,), (found,) = one.job.runs, one.results
-        if isinstance(found, ToleranceRow):
-            searches[run.experiment].append(found)
-            return False
-        message = found.message if isinstance(found, Crash) else ""
-        if one.job.tolerance is not None:
-            _logger.warning("%s: %s", one.job.title, message)
-            return False
-        row = CostRow(
-            n_steps=run.n_steps, step_size=run.step_size, status="failed", message=message
-        )
-        if isinstance(found, CostRow):
-            row = found
-        rows[run.experiment].append(row)
-        _logger.debug("%s: %s, %.3g s", run.title, row.status, row.seconds)
-        is_expected = run.experiment.expects_failure(run.method)
-        return row.status not in ("ok", "floor") and not is_expected
-
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        open_results(Path(folder), request.name) as results,
-    ):
-        compute = functools.partial(_measure_job, store=lambda one: results.add([one]))
-        compute_jobs(
-            jobs,
-            settings,
-            title=request.name,
-            compute=compute,
-            take=take,
-            store=results,
-            is_kept=False,
-        )
-    tables = [cost_table(one, rows[one], searches[one]) for one in rows if rows[one]]
+    tables = []
+    experiments = request.loaded.experiments
+    count = sum(len(experiment.runs()) for experiment in experiments)
+    with progress_bar(request.name, count, wanted=progress) as done:
+        for experiment in experiments:
+            runs, rows = experiment.runs(), []
+            reference = reference_of(runs[0])
+            for run in runs:
+                rows.append(measure_cost(run, reference, repeats=repeats))
+                done(run.title)
+            tables.append(
+                CostTable(experiment=experiment, reference=reference.source, rows=tuple(rows))
+            )
     for line in (line for table in tables for line in table.unexpected):
         _logger.warning("%s", line)
     return tables
 
 
-def _measure_job(
-    job: Job, references: References, store: Callable[[FinishedRun], object]
-) -> Results:
-    if job.is_reference:
-        return refined_references(job.runs)
-    (run,), reference = job.runs, references[0]
-    if job.tolerance is not None:
-        return [measure_tolerance(run, job.tolerance, reference)]
-    return [measure_cost(run, store, reference)]
+def cost_tasks(request: Request) -> list[Task]:
+    """A task for every method that would be timed, with its numbers of steps."""
+    return [
+        Task(
+            experiment=experiment.name,
+            action=f"time {method_name(method)}",
+            of=f"N = {', '.join(map(str, experiment.steps))}",
+        )
+        for experiment in request.loaded.experiments
+        for method in experiment.methods
+    ]

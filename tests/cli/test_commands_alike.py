@@ -10,7 +10,7 @@ QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
 
 
 @pytest.mark.few(2)
-@pytest.mark.parametrize("command", ["run", "convergence", "plot", "cost", "stability"])
+@pytest.mark.parametrize("command", ["run", "convergence", "plot"])
 def test_a_dry_run_writes_nothing(command, tmp_path):
     result = fvi(command, *QUICK, "--dry-run", "--output", str(tmp_path))
     assert result.exit_code == 0

@@ -6,7 +6,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from cost_tables import row, table
 from hypothesis import given
 from hypothesis import strategies as st
 from made_runs import made_run, table_of
@@ -15,7 +14,6 @@ from fvi_cli.config import parse_config
 from fvi_cli.integrator.method import Method
 from fvi_cli.reports import Column, Report, Sheet, rendered
 from fvi_cli.reports.document import Bullets, CodeSpan, Equation, Grid, Heading, Paragraph
-from fvi_cli.reports.kinds.cost import cost_report
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.table import alike
@@ -23,7 +21,6 @@ from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.reports.writers.latex import PACKAGES, escape_latex, to_latex
 from fvi_cli.reports.writers.text import escape_markdown, to_markdown
 from fvi_cli.scenes.registry import KINDS
-from fvi_cli.studies.cost import CostCase
 from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable
 from fvi_cli.studies.stability_study import StabilityTable, stability_rows
 
@@ -81,12 +78,6 @@ def order_tables(equation: str) -> list[OrderTable]:
     ]
 
 
-def long_costs() -> Report:
-    methods = [Method(cq="gauss", degree=s) for s in (1, 2, 3)]
-    rows = tuple(row(2**k, 2.0 ** (-2 * k), 1e-3) for k in range(1, 50))
-    return cost_report("long", [table(*(CostCase(method=m, rows=rows) for m in methods))])
-
-
 STABILITY = """\
 name: quick
 problem: {kind: bagley-torvik, damping: [{order: 1.5, coefficient: 1.0}], final_time: 1.0}
@@ -105,7 +96,6 @@ def every_report() -> list[Report]:
     return [
         order_report("hostile", order_tables(HOSTILE)),
         *(order_report(kind, order_tables(text)[:1]) for kind, text in EQUATIONS.items()),
-        long_costs(),
         stability(),
     ]
 
@@ -212,9 +202,9 @@ KNOWN_COMMANDS = {
 
 
 def test_latex_is_balanced_and_its_tables_have_the_columns_they_declare():
-    reports = [order_report("hostile", order_tables(HOSTILE)), long_costs(), stability()]
+    reports = [order_report("hostile", order_tables(HOSTILE)), stability()]
     files = [file for report in reports for file in rendered(report).items()]
-    assert sum(check_latex(text) for name, text in files if name.endswith("tex")) >= 2 * 3
+    assert sum(check_latex(text) for name, text in files if name.endswith("tex")) >= 2 * 2
     # controls: a brace too many, a column too few
     with pytest.raises(AssertionError):
         check_latex(to_latex([Paragraph(words="a")]).replace("a\\par", "{a\\par"))
@@ -308,9 +298,8 @@ def test_every_report_compiles_within_the_page(tmp_path):
         if name.endswith(".tex")
     }
     whole = [name for name in texts if name.endswith("-text.tex")]
-    assert len(whole) == 4 + len(KINDS)
+    assert len(whole) == 3 + len(KINDS)
     assert len(texts) >= 2 * len(whole)
-    assert "longtable" in texts["long-cost-text.tex"]
     log = compiled(tmp_path, texts)
     assert faults(log) == []
     assert "Output written" in log or "No pages of output" not in log

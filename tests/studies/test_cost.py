@@ -1,30 +1,18 @@
-"""Measured costs: what is counted, that set-up is cold, what is stored and what is refused."""
+"""Measured costs: what is counted, that a time is that of a cold start, and what is refused."""
 
-import csv
-import io
 import math
 
 import pytest
-from command_line import LADDER
+from command_line import LADDER, fvi
 
 from fvi_cli.config import parse_config
 from fvi_cli.effects import inertia
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.quadrature import gauss_rule
-from fvi_cli.plotting.ladders.cost import cost_figure
-from fvi_cli.reports import rendered
-from fvi_cli.reports.kinds.cost import cost_report
-from fvi_cli.studies import cost
-from fvi_cli.studies.cost import (
-    clear_caches,
-    cost_table,
-    measure_cost,
-    timed_run,
-    traced_peak_bytes,
-)
-from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.cost import CostRow, clear_caches, measure_cost, timed
+from fvi_cli.studies.experiment import Experiment, Run
+from fvi_cli.studies.reference import reference_of
 
 TEXT = (
     LADDER.replace("quick", "small").partition("method")[0]
@@ -35,6 +23,7 @@ method:
 ladder: {steps: [8, 16, 32]}
 """
 )
+FILES = {"small.yaml": TEXT}
 
 
 def experiment(text: str = TEXT) -> Experiment:
@@ -42,41 +31,22 @@ def experiment(text: str = TEXT) -> Experiment:
     return found
 
 
-@pytest.fixture(autouse=True)
-def _quick(monkeypatch):
-    monkeypatch.setattr(cost, "ENOUGH_SECONDS", 0.0)
-    monkeypatch.setattr(cost, "SEARCHES", 1)
+def measured(run: Run, repeats: int = 2) -> CostRow:
+    return measure_cost(run, reference_of(run), repeats=repeats)
 
 
 def test_every_run_is_measured_and_counted():
     one = experiment()
-    stored = []
-    table = cost_table(one, [measure_cost(run, stored.append) for run in one.runs()])
-    assert [finished.run.n_steps for finished in stored] == [8, 16, 32, 8, 16, 32]
-    assert [case.method.case for case in table.cases] == ["gauss-s2-graded", "gruenwald-letnikov"]
-    assert table.gamma == "1.5"
-    for case in table.cases:
-        for row in case.rows:
-            trajectory = integrate(one.problem.scene, case.method, row.n_steps)
-            assert row.history_operations == trajectory.history_operations > 0
-            assert row.newton_iterations == trajectory.newton.iterations
-            assert row.repeats == cost.LEAST_REPEATS
-            assert 0 < row.setup_seconds < row.seconds
-            assert row.stepping_seconds_min <= row.stepping_seconds_median
-            assert row.storage_seconds > 0
-            assert row.spread >= 0
-            assert row.peak_memory_bytes > 8 * row.n_steps
-            assert row.status == "ok"
-    errors = [row.error for row in table.cases[0].rows]
+    rows = [measured(run, repeats=3) for run in one.runs()]
+    for row in rows:
+        trajectory = integrate(one.problem.scene, row.run.method, row.run.n_steps)
+        assert row.history_operations == trajectory.history_operations > 0
+        assert row.newton_iterations == trajectory.newton.iterations
+        assert row.repeats == 3
+        assert 0 < row.seconds <= row.median_seconds
+        assert row.status == "ok"
+    errors = [row.error for row in rows[:3]]
     assert errors == sorted(errors, reverse=True)
-
-
-def test_long_runs_are_timed_once(monkeypatch):
-    monkeypatch.setattr(cost, "LONG_SECONDS", 0.0)
-    row = measure_cost(experiment().runs()[0])
-    assert row.repeats == 1
-    assert math.isnan(row.spread)
-    assert math.isnan(row.storage_seconds)
 
 
 def test_every_timed_run_begins_cold():
@@ -86,28 +56,12 @@ def test_every_timed_run_begins_cold():
     assert gauss_rule.cache_info().currsize == 0
     seen = []
 
-    def action() -> Trajectory:
+    def action() -> None:
         seen.append(gauss_rule.cache_info().currsize)
-        problem = experiment().problem
-        return integrate(problem.scene, Method(cq="gauss", degree=2), 4)
+        integrate(experiment().problem.scene, Method(cq="gauss", degree=2), 4)
 
-    for _ in range(2):
-        wall, stepping = timed_run(action)
-        assert wall > stepping > 0
+    assert all(timed(action) > 0 for _ in range(2))
     assert seen == [0, 0]
-
-
-def test_the_peak_is_that_of_the_run():
-    assert 8e6 < traced_peak_bytes(lambda: bytearray(8_000_000)) < 9e6
-
-
-def test_what_is_refused_has_a_row_without_times():
-    text = TEXT.replace("{rk: gauss, degree: 2}", "{bdf: 6, sampling: nodes}")
-    row = measure_cost(experiment(text).runs()[0])
-    assert row.status == "refused"
-    assert row.repeats == row.peak_memory_bytes == 0
-    assert math.isnan(row.seconds)
-    assert not row.is_usable
 
 
 def test_steps_without_a_solution_have_a_row_that_is_not_used():
@@ -118,52 +72,10 @@ method: {rk: gauss, degree: 1}
 ladder: {steps: [1, 2]}
 allow_unstable: true
 """
-    singular, solved = (measure_cost(run) for run in experiment(text).runs())
+    singular, solved = (measured(run) for run in experiment(text).runs())
     assert (singular.status, singular.is_usable) == ("failed", False)
-    assert (solved.status, solved.repeats > 0) == ("ok", True)
-
-
-def test_what_a_tolerance_comes_to_is_measured_beside_the_ladder():
-    one = experiment()
-    rows = [cost.measure_tolerance(one.runs()[2], tolerance) for tolerance in (1e-4, 1e-9)]
-    table = cost_table(one, list(map(measure_cost, one.runs())), rows)
-    assert [row.outcome for row in table.by_tolerance] == ["met", "met"]
-    for row in rows:
-        assert 0 <= row.error <= row.tolerance
-        assert 0 < row.estimate <= row.tolerance
-        assert 0 < row.seconds < math.inf
-        assert row.n_steps >= 1
-    sheet = rendered(cost_report("small", [table]))["small-cost-tolerances.csv"]
-    lines = list(csv.DictReader(io.StringIO(sheet)))
-    assert [float(line["tolerance"]) for line in lines] == [1e-4, 1e-9]
-    figure = cost_figure(table)
-    (drawn,) = (line for line in figure.axes[0].lines if line.get_label() == "for a tolerance")
-    assert len(drawn.get_xdata()) == 2
-
-
-def test_ladders_alone_have_no_file_of_tolerances():
-    one = experiment()
-    names = rendered(cost_report("small", [cost_table(one, list(map(measure_cost, one.runs())))]))
-    assert not [name for name in names if "tolerance" in name]
-
-
-LAWS = {
-    "zener": "{law: zener, order: 0.6, time: 0.5, relaxed: 1.0, unrelaxed: 3.0}",
-    "springpot": "{order: 0.6, coefficient: 0.5}",
-    "dashpot": "{order: 1.0, coefficient: 0.5}",
-}
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("damping", LAWS)
-def test_a_law_has_a_memory_and_a_dashpot_has_none(damping):
-    text = (
-        "name: small\nproblem: {kind: structure, mass: [[2.0]], stiffness: [[1.0]], "
-        f"damping: [{LAWS[damping]}], initial: {{position: [1.0]}}, final_time: 2.0}}\n"
-        "method: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n"
-    )
-    one = experiment(text)
-    assert cost_table(one, list(map(measure_cost, one.runs()))).has_memory == (damping != "dashpot")
+    assert (solved.status, solved.repeats) == ("ok", 2)
+    assert math.isfinite(solved.seconds)
 
 
 def test_every_timed_run_factorises_its_matrices(monkeypatch):
@@ -177,5 +89,27 @@ def test_every_timed_run_factorises_its_matrices(monkeypatch):
     factorised = []
     solver = inertia.solver
     monkeypatch.setattr(inertia, "solver", lambda form: factorised.append(form) or solver(form))
-    row = measure_cost(run)
-    assert len(factorised) >= row.repeats >= 5
+    assert len(factorised) >= measured(run, repeats=5).repeats - 5
+    assert len(factorised) >= 5
+
+
+def test_the_command_writes_a_table_and_a_figure(folder):
+    done = fvi("cost", "small.yaml", "--repeats", "1", code=0)
+    assert "Gauss2" in done.stdout
+    written = {str(path.relative_to(folder)) for path in (folder / "results").rglob("*.*")}
+    assert {"results/tables/small-cost.csv", "results/tables/small-cost.md"} <= written
+    assert "results/figures/small-cost.png" in written
+    planned = fvi("cost", "small.yaml", "--dry-run", code=0).stdout
+    assert "time Gauss2" in planned
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ("sweep={problem.stiffness: [1, 2]}", "leave out sweep"),
+        ("accuracy={tolerance: 1e-6}", ""),
+        ("problem.exact=none", "exact: none gives no errors"),
+    ],
+)
+def test_what_cannot_be_measured_is_refused(folder, change, reason):
+    assert reason in fvi("cost", "small.yaml", "--set", change, code=2).stderr

@@ -15,26 +15,23 @@ import numpy as np
 import fvi_cli
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.runner.executors.batches import Batch, Pack, batches_of, pack_of
-from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import Reference, needs_refined_run
 
 _logger = logging.getLogger(__name__)
 
-JobKind = Literal["run", "reference", "cost"]
+JobKind = Literal["run", "reference"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Job:
-    """Runs or searches of one batch, the references of all scenes of a pack, or one cost."""
+    """Runs or searches of one batch, or the references of all scenes of a pack."""
 
     runs: Batch
     kind: JobKind = "run"
     """For ``reference`` `runs` has one run for each scene."""
     needs: Job | None = None
     """The job that must have ended before; None: there is none."""
-    tolerance: float | None = None
-    """For ``cost`` of a search: its tolerance; the error is measured at the points of the run."""
 
     @property
     def is_reference(self) -> bool:
@@ -44,10 +41,7 @@ class Job:
     @property
     def title(self) -> str:
         """The job in one line, named by its first run."""
-        first = self.runs[0]
-        if self.tolerance is None:
-            return first.title
-        return f"{first.experiment.name} to {self.tolerance:g}"
+        return self.runs[0].title
 
     @property
     def n_steps(self) -> int:
@@ -70,7 +64,7 @@ class Crash:
     trace: str = ""
 
 
-Result = FinishedRun | Reference | CostRow | ToleranceRow | Crash | None
+Result = FinishedRun | Reference | Crash | None
 Results = Sequence[Result]
 """One result for each run of a job; None (reference): the scene has an exact solution."""
 References = Sequence[Reference | None]

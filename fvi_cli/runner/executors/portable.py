@@ -15,7 +15,6 @@ from fvi_cli.runner.executors.executor import compute_soundly
 from fvi_cli.runner.executors.jobs import ComputeJob, Crash, Job, References, Results
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.digests import SOLVER_VERSION
-from fvi_cli.studies.cost import CostRow, ToleranceRow
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference
 
@@ -24,7 +23,7 @@ VERSION = f"fvi {fvi_cli.__version__} (solver {SOLVER_VERSION})"
 PortableJob = tuple[str, bytes]
 """The version of the program that sends a job, and the job with its references as a pickle."""
 
-PortableResults = list[dict[str, Any] | Reference | CostRow | ToleranceRow | Crash | None]
+PortableResults = list[dict[str, Any] | Reference | Crash | None]
 """Results; finished runs are mappings of their fields without the run."""
 
 
