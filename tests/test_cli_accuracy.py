@@ -7,10 +7,7 @@ import command_line
 import h5py
 import pytest
 
-from fvi_cli.config import load_config, parse_config
-from fvi_cli.storage import read_results
-from fvi_cli.storage.result_file import ResultFile
-from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
+from fvi_cli.config import parse_config
 
 CONFIG = """\
 name: tuned
@@ -46,14 +43,6 @@ def stored(tmp_path, name="tuned"):
             for name, group in runs.items()
             if name != "convergence"
         ]
-
-
-def test_the_usual_candidates_are_those_of_the_configuration():
-    (experiment,) = parse_config(CONFIG, "tuned.yaml").experiments
-    assert experiment.accuracy.candidates == USUAL_CANDIDATES == experiment.methods
-    assert experiment.needs_search
-    (search,) = experiment.runs()
-    assert search.is_search
 
 
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
@@ -104,18 +93,6 @@ def test_relative_tolerances(fvi, tmp_path):
     assert "reuse" in fvi("run", "small.yaml", "--dry-run")
 
 
-def test_adaptive_runs_are_stored_at_any_times(fvi, tmp_path):
-    text = ADAPTIVE.replace("tuned", "seen") + "output: {step: 0.5}\nquantities: {force: 2*ax}\n"
-    (tmp_path / "seen.yaml").write_text(text)
-    fvi("run", "seen.yaml")
-    (run,) = stored(tmp_path, "seen")
-    with h5py.File(tmp_path / "results" / "seen.h5") as file:
-        group = file[f"seen/{run['case']}/n{run['n_steps']:06d}"]
-        assert group["time"][:] == pytest.approx([0.5 * k for k in range(9)])
-        assert group["quantities/force"].shape == (9,)
-        assert group["mesh"].shape == (run["n_steps"] + 1,)
-
-
 def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
     values = [0.5, 200.0, 200.5]
     text = f"{ADAPTIVE}sweep: {{problem.stiffness: {values}}}\n".replace("tuned", "swept")
@@ -149,26 +126,6 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
     assert planned.count("reuse") == 3
     assert "compute 1 members" in planned
     assert "reuse" not in fvi("run", "swept.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-6")
-
-
-def test_the_work_of_recalling_grows_as_the_members(fvi, tmp_path, monkeypatch):
-    reads = []
-    read = ResultFile.read
-    monkeypatch.setattr(ResultFile, "read", lambda o, one: reads.append(one) or read(o, one))
-
-    def looked_at(members):
-        values = [1.0 + k for k in range(members)]
-        text = ADAPTIVE.replace("1e-7", "1e-2").replace("tuned", f"swept{members}")
-        path = tmp_path / f"swept{members}.yaml"
-        path.write_text(f"{text}sweep: {{problem.stiffness: {values}}}\n")
-        fvi("run", str(path))
-        (experiment,) = load_config(path).experiments
-        with read_results(tmp_path / f"results/swept{members}.h5") as store:
-            reads.clear()
-            assert None not in [store.finished(search) for search in experiment.runs()]
-        return len(reads)
-
-    assert looked_at(2) == looked_at(8) / 4 == 2
 
 
 @pytest.mark.processes

@@ -224,8 +224,8 @@ def stability(random: Random, words: list[str]) -> Claims:
     printed: list[tuple[int, str]] = []
     if random.random() < 0.1:
         _, _, tables = command(config, "stability", "--no-observe")
-        for line in tables["stability"]:
-            printed.append((int(line["n_steps"]), line["predicted"]))
+        lines = tables["stability"]
+        printed += [(int(line["n_steps"]), line["predicted"]) for line in lines]
     else:
         (table,) = fvi.stability(config, observe=False)
         printed += [(r.run.n_steps, r.verdict) for r in table.rows]

@@ -43,20 +43,6 @@ def test_a_run_and_what_is_stored_of_it(tmp_path):
     assert {run["reason"] for run in planned["runs"]} == {"stored"}
 
 
-def test_what_is_no_number_is_null_and_members_tell_their_values(tmp_path):
-    sweep = ("--set", "sweep={problem.damping.0.coefficient: [1.0, 1e5]}")
-    # another coefficient has another solution, and the paper has no orders for this method
-    sweep += ("--set", "problem.exact=auto", "--set", "claims={}")
-    method = ("--set", "method=[{bdf: 6, sampling: nodes}]", "--set", "allow_unstable=false")
-    made = document("run", *QUICK, *sweep, *method, "--json", "-o", str(tmp_path), code=1)
-    refused = [run for run in made["runs"] if run["status"] == "refused"]
-    assert refused
-    assert {run["error"] for run in refused} == {None}
-    assert all(run["message"] for run in refused)
-    values = [run["member"]["problem.damping.0.coefficient"] for run in made["runs"]]
-    assert set(values) == {1.0, 1e5}
-
-
 REPORTS = {  # what each command is asked, a table of its document, and whether it can be checked
     ("modes", "sandwich-beam"): ("modes", True),
     ("response", "sandwich-beam", "--over", "frequency=0.1:1:5", "--force", "x1"): ("peaks", True),
@@ -81,19 +67,6 @@ def test_reports_are_documents_of_the_rows_of_their_tables(arguments, tmp_path):
         assert again == {name: rows for name, rows in made.items() if name != "files"}
 
 
-@spread(few=1, name=["cost", "modes"])
-def test_figures_of_every_command_take_formats_and_styles(name, tmp_path):
-    (arguments,) = (one for one in REPORTS if one[0] == name)
-    style = tmp_path / "thesis.mplstyle"
-    style.write_text("font.size: 7\n")
-    made = document(*arguments, "--json", "--format", "svg", "--style", style, "-o", tmp_path)
-    figures = {Path(file).suffix for file in made["files"] if "figures/" in file}
-    assert figures == {".svg"}
-    refused = command(*arguments, "--style", "no-such-style", "-o", tmp_path, code=2)
-    assert "--style: " in refused.stderr
-    assert "--format: 'gif' is not one of" in command(*arguments, "--format", "gif", code=2).stderr
-
-
 def test_a_check_tells_mistakes_as_well():
     good = document("check", "bagley-torvik-1-2", "accuracy", "--json")
     (experiment,) = good["configurations"][0]["experiments"]
@@ -104,21 +77,6 @@ def test_a_check_tells_mistakes_as_well():
     bad = document("check", *QUICK, "--set", "probelm=1", "--json", code=2)
     assert not bad["valid"]
     assert "did you mean 'problem'" in bad["complaints"][0]
-
-
-def test_every_shipped_configuration_is_listed_with_what_it_shows():
-    listed = document("list", "--json")["configurations"]
-    assert set(listed[0]) | {"configurations"} == promised("list --json")
-    assert [one["name"] for one in listed] == list(shipped_configs())
-    titles = [one["title"] for one in listed]
-    assert len(set(titles)) == len(titles)
-    for title in titles:
-        assert 20 < len(title) < 210
-        assert title[0].isupper()
-    text = command("list").stdout
-    assert [line.split(maxsplit=1) for line in text.splitlines()] == [
-        [one["name"], one["title"]] for one in listed
-    ]
 
 
 LONG_PLANS = ("full-order", "ensemble", "response-spectrum")

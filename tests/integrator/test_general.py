@@ -20,7 +20,6 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import kepler
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 
-GAUSS2 = Method(cq="gauss", degree=2)
 GAUSS3 = Method(cq="gauss", degree=3)
 
 

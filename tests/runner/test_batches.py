@@ -1,8 +1,5 @@
 """Members of a sweep, computed together: the same numbers as alone, whatever becomes of others."""
 
-import itertools
-import pickle
-
 import numpy as np
 import pytest
 from command_line import MANY, configuration
@@ -11,9 +8,8 @@ from fvi_cli.config import parse_config
 from fvi_cli.runner.executors.batches import batches_of
 from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.executor import InProcess
-from fvi_cli.runner.executors.jobs import Job, JobQueue, jobs_of
+from fvi_cli.runner.executors.jobs import Job, jobs_of
 from fvi_cli.runner.executors.processes import LocalProcesses
-from fvi_cli.studies import members as members_module
 from fvi_cli.studies.reference import find_reference, find_references
 from fvi_cli.studies.study import execute
 
@@ -69,44 +65,6 @@ def test_batches_hold_every_run_once_and_share_method_and_steps():
         assert len({(run.method, run.n_steps) for run in batch}) == 1
 
 
-def test_packs_follow_each_other_and_stay_below_the_bound_of_memory(monkeypatch):
-    one = experiment(OSCILLATORS)
-    each = 8 * members_module.DOUBLES_PER_STEP * 32
-    monkeypatch.setattr(members_module, "BATCH_BYTES", 4 * each)
-    batches = batches_of(one.runs())
-    assert [len(batch) for batch in batches] == [4] * 4 + [2] * 4
-    assert {run.member.number for batch in batches[:4] for run in batch} == {0, 1, 2, 3}
-    monkeypatch.setattr(members_module, "BATCH_BYTES", 10**12)
-    assert len(batches_of(one.runs())) == 4
-
-
-@pytest.mark.parametrize(
-    ("number", "sizes"), [(2, {6}), (10, {8, 6}), (200, {38, 30}), (400, {64, 1200 % 64})]
-)
-def test_members_are_dealt_into_sixteen_packs_or_more(number, sizes):
-    override = f"sweep.problem.omega={{from: 1, to: 2, number: {number}}}"
-    batches = batches_of(experiment(PENDULUMS, override).runs())
-    assert {len(batch) for batch in batches} == sizes
-    # by two numbers of steps
-    assert len(batches) >= min(2 * 16, 2 * 3 * number // 8)
-
-
-def test_two_workers_share_a_thousand_equal_members():
-    override = "sweep.problem.omega={from: 1, to: 2, number: 1000}"
-    one = ("sweep.problem.initial.position=[1.0]", "ladder.steps=[16]", override)
-    loads = [0, 0]
-    queue = JobQueue.longest_first(jobs_of(experiment(PENDULUMS, *one).runs()))
-    for job in itertools.chain.from_iterable(queue.packs.values()):
-        loads[loads.index(min(loads))] += 0 if job.is_reference else len(job.runs)
-    assert sum(loads) == 1000
-    assert 1000 / max(loads) > 1.95
-
-
-def test_runs_without_a_sweep_stand_alone_in_their_order():
-    runs = experiment(OSCILLATORS.replace("sweep:", "# sweep:")).runs()
-    assert batches_of(runs) == [(run,) for run in runs]
-
-
 def test_a_member_that_blows_up_or_is_refused_leaves_the_others_alone():
     text = OSCILLATORS.replace("ladder: {steps: [16, 32]}", "ladder: {steps: [16]}")
     stiff = text.replace("stiffness: [1, 2, 3]", "damping.0.coefficient: [0.1, 300]")
@@ -126,14 +84,6 @@ def test_references_of_members_are_those_that_they_have_alone():
         alone = find_reference(problem)
         assert together.source.split(",")[0] == alone.source.split(",")[0]
         np.testing.assert_allclose(together.values(times), alone.values(times), atol=1e-12)
-
-
-def test_a_member_travels_to_another_process_and_is_one_object_there():
-    member = experiment(OSCILLATORS).members[3]
-    first, again = (pickle.loads(pickle.dumps(member)) for _ in range(2))
-    assert first is again
-    assert first.specification == member.specification
-    assert first.number == 3
 
 
 @pytest.mark.slow

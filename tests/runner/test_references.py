@@ -14,9 +14,8 @@ from fvi_cli.runner.executors.execute import execute_job
 from fvi_cli.runner.executors.executor import InProcess
 from fvi_cli.runner.executors.jobs import jobs_of
 from fvi_cli.runner.executors.processes import LocalProcesses
-from fvi_cli.runner.parts.shard import Shard
 from fvi_cli.storage import list_runs, read_results
-from fvi_cli.studies.reference import Tabulated, reference_of
+from fvi_cli.studies.reference import reference_of
 
 MEMBERS, PACKS = 130, 15
 SWEPT = f"""\
@@ -46,19 +45,6 @@ def noted(folder, job, references):
     elif not job.runs[0].problem.exact:
         assert all(one is not None for one in references)
     return execute_job(job, references)
-
-
-def found_references(jobs):
-    return [job for job in jobs if job.is_reference]
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7])
-def test_references_are_few_however_members_are_dealt_out(count):
-    one = experiment(SWEPT)
-    parts = [Shard(number=k, count=count).runs_of([one])[one] for k in range(1, count + 1)]
-    jobs = [job for part in parts for job in found_references(jobs_of(part))]
-    assert len(jobs) == PACKS
-    assert sorted(run.member.number for job in jobs for run in job.runs) == list(range(MEMBERS))
 
 
 @pytest.mark.processes
@@ -112,14 +98,6 @@ def test_a_stored_reference_serves_further_methods(tmp_path, monkeypatch, more):
     # control: other scenes have others
     other = fvi("run", "swept.yaml", "--set", "problem.final_time=0.5", code=1)
     assert "needs a reference" in other.stderr
-
-
-def test_a_table_has_no_value_between_its_times():
-    table = Tabulated(time=np.array([0.0, 1.0, 2.0]), position=np.array([[0.0], [3.0], [5.0]]))
-    np.testing.assert_array_equal(table(np.array([2.0, 0.0])), [[5.0], [0.0]])
-    np.testing.assert_array_equal(table(np.array([1.0 + 1e-14])), [[3.0]])
-    with pytest.raises(ValueError, match=r"no value at t = 0\.5"):
-        table(np.array([0.5]))
 
 
 def test_a_run_says_that_its_error_is_not_known_where_the_reference_ends_early(tmp_path):
