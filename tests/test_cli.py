@@ -68,7 +68,7 @@ def test_the_command_line_loads_nothing_heavy():
 def test_help_names_every_command_and_version_the_version():
     done = in_a_process("--help")
     assert done.returncode == 0
-    for command in ("run", "convergence", "plot", "check", "show", "schema", "new"):
+    for command in ("run", "convergence", "plot", "check", "show", "new"):
         assert re.search(rf"^  {command} ", done.stdout, re.MULTILINE)
         fvi(command, "--help", code=0)
     assert fvi("--version", code=0).stdout == f"fvi {fvi_cli.__version__}\n"
@@ -123,20 +123,6 @@ def test_several_processes_store_the_same_table(folder):
     fvi("convergence", "quick.yaml", "--output", "two", "--workers", "2", code=0)
     one, two = (folder / name / "tables" / "quick.csv" for name in ("one", "two"))
     assert one.read_text() == two.read_text()
-
-
-def test_fail_fast_stops_at_a_search_that_fails(folder):
-    scene = "problem: {kind: pendulum, final_time: 1.0, initial: {position: 1.0}}"
-    (folder / "both.yaml").write_text(
-        f"name: both\nexperiments:\n"
-        f"  - {{name: searched, {scene}, accuracy: {{tolerance: 1e-20}}}}\n"
-        f"  - {{name: ladder, {scene}, method: {{rk: gauss}}, ladder: {{steps: [8]}}}}\n"
-    )
-    whole = fvi("run", "both.yaml", code=1)
-    assert "ladder" in whole.stdout
-    stopped = fvi("run", "both.yaml", "--fail-fast", "--output", "stopped", code=1)
-    assert "ladder" not in stopped.stdout
-    assert "stopped at the first unexpected failure (--fail-fast)" in stopped.stderr
 
 
 def reasons(result):
@@ -219,7 +205,7 @@ def test_an_unexpected_error_shows_its_traceback_only_when_asked(folder, monkeyp
 def test_a_reader_that_goes_away_is_no_error_message(folder):
     read, write = os.pipe()
     os.close(read)
-    command = [sys.executable, "-m", "fvi_cli", "schema"]
+    command = [sys.executable, "-m", "fvi_cli", "guide"]
     done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, check=False)
     os.close(write)
     assert done.stderr == ""

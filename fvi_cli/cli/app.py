@@ -40,7 +40,6 @@ GROUPS: Mapping[str, tuple[Command, ...]] = {
         configurations.new,
         configurations.check,
         configurations.list_,
-        configurations.schema,
     ),
     "Help": (configurations.guide,),
 }

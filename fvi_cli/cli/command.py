@@ -17,7 +17,6 @@ from fvi_cli.cli.options import (
     Check,
     Dask,
     DryRun,
-    FailFast,
     Formats,
     Fresh,
     Json,
@@ -27,7 +26,6 @@ from fvi_cli.cli.options import (
     Shard,
     Style,
     Verbose,
-    Wait,
     Workers,
 )
 
@@ -40,8 +38,8 @@ if TYPE_CHECKING:
 _logger = logging.getLogger("fvi_cli")
 
 ALWAYS = ("quiet", "verbose")
-CONFIGURED = ("output", "overrides", "dry_run", "fail_fast", "json")
-COMPUTED = (*CONFIGURED, "workers", "dask", "wait", "fresh", "allow_unstable")
+CONFIGURED = ("output", "overrides", "dry_run", "json")
+COMPUTED = (*CONFIGURED, "workers", "dask", "fresh", "allow_unstable")
 DRAWN = ("formats", "style")
 """Shared options: of all commands, of those that read configurations, that compute runs, that draw.
 """
@@ -58,11 +56,9 @@ class Call:
     overrides: Overrides = None
     workers: Workers = 1
     dask: Dask = None
-    wait: Wait = False
     shard: Shard = "1/1"
     dry_run: DryRun = False
     fresh: Fresh = False
-    fail_fast: FailFast = False
     allow_unstable: AllowUnstable = False
     json: Json = False
     quiet: Quiet = False
@@ -168,9 +164,8 @@ class Call:
         """Compute every request and show the results; returns the exit code.
 
         `compute` is a function of the api; it gets a request, its arguments among the shared
-        options, and `options`. `report` converts the results for output, unless the command was
-        stopped; `show` prints them (default :meth:`show`). With ``--dry-run`` the command prints
-        `tasks`, or plans of runs.
+        options, and `options`. `report` converts the results for output; `show` prints them
+        (default :meth:`show`). With ``--dry-run`` the command prints `tasks`, or plans of runs.
         """
         from fvi_cli.render.figures import drawn_as
 
@@ -181,12 +176,8 @@ class Call:
             for request in self.requests:
                 results = compute(request, **options)
                 self.note(results)
-                is_stopped = self.fail_fast and bool(self.failures)
-                if report is None or not is_stopped:
-                    found = results if report is None else report(results, request)
-                    (show or self.show)(found, request)
-                if is_stopped:
-                    break
+                found = results if report is None else report(results, request)
+                (show or self.show)(found, request)
         return self.close()
 
     def show(

@@ -1,4 +1,4 @@
-"""Commands for configurations, ``new``, ``check``, ``list``, ``schema``, and the ``guide``."""
+"""Commands for configurations, ``new``, ``check``, ``list``, and the ``guide``."""
 
 from __future__ import annotations
 
@@ -27,11 +27,14 @@ def new(
             autocompletion=kinds_of_problems,
         ),
     ] = "damped-oscillator",
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Write the JSON schema for editors beside it.")
+    ] = False,
 ) -> int:
-    """Write a commented configuration NAME.yaml to start from, and the schema for editors."""
+    """Write a commented configuration NAME.yaml to start from."""
     from fvi_cli.render.starter import write_starter
 
-    print(write_starter(name, kind))
+    print(*write_starter(name, kind, schema=schema), sep="\n")
     return DONE
 
 
@@ -73,20 +76,6 @@ def list_(call: Call) -> int:
 
     titles = shipped_titles()
     print(shipped_as_json(titles) if call.json else titles_as_text(titles))
-    return DONE
-
-
-@command()
-def schema(
-    call: Call,
-    markdown: Annotated[
-        bool, typer.Option("--markdown", help="Print the reference of all keys as Markdown.")
-    ] = False,
-) -> int:
-    """Print the JSON schema of configurations, for editors, or the reference of all keys."""
-    from fvi_cli.config import configuration_reference, schema_text
-
-    print(configuration_reference() if markdown else schema_text(), end="")
     return DONE
 
 

@@ -70,7 +70,7 @@ def export(call: Call, file: ResultFile) -> int:
     return DONE
 
 
-@command("output", "wait")
+@command("output")
 def merge(
     call: Call,
     files: Annotated[
@@ -80,7 +80,7 @@ def merge(
     """Join result files of one configuration, such as those of its parts, into one."""
     from fvi_cli.runner.parts.merge import merge_files
 
-    merged = merge_files(files, call.output, waits=call.wait)
+    merged = merge_files(files, call.output)
     print(f"{merged.path}: {merged.runs - merged.missing} of {merged.runs} runs")
     if merged.missing:
         _logger.error(

@@ -31,7 +31,6 @@ Output = Annotated[
         "-o",
         "--output",
         metavar="DIR",
-        envvar="FVI_OUTPUT",
         help="Folder for everything that is written.",
     ),
 ]
@@ -58,9 +57,6 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
 ]
-FailFast = Annotated[
-    bool, typer.Option("--fail-fast", help="Stop at the first run that fails unexpectedly.")
-]
 AllowUnstable = Annotated[
     bool, typer.Option("--allow-unstable", help="Compute runs that are predicted to blow up.")
 ]
@@ -74,14 +70,6 @@ Dask = Annotated[
         metavar="ADDRESS",
         rich_help_panel=CLUSTERS,
         help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
-    ),
-]
-Wait = Annotated[
-    bool,
-    typer.Option(
-        "--wait",
-        rich_help_panel=CLUSTERS,
-        help="Wait until another command that writes the same file has ended.",
     ),
 ]
 Shard = Annotated[

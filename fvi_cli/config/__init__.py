@@ -2,8 +2,8 @@
 
 from fvi_cli.config.load import LoadedConfig, load_config, load_stored, parse_config
 from fvi_cli.config.reference import (
+    MODELINE,
     SCHEMA_FILE,
-    SCHEMA_TITLE,
     configuration_reference,
     json_schema,
     schema_text,
@@ -18,8 +18,8 @@ from fvi_cli.config.shipped import (
 )
 
 __all__ = [
+    "MODELINE",
     "SCHEMA_FILE",
-    "SCHEMA_TITLE",
     "LoadedConfig",
     "configuration_reference",
     "find_config",

@@ -53,8 +53,8 @@ def configuration_reference() -> str:
     lines = [
         "# Configuration, key by key",
         "",
-        "Made by `fvi schema --markdown` from what checks configurations; for editors there is",
-        "the same as [JSON schema](../how-to/editors.md). `a.b` is the key `b` of the mapping",
+        "Made by `python docs/site/reference.py` from what checks configurations; for editors there",
+        "is the same as [JSON schema](../how-to/editors.md). `a.b` is the key `b` of the mapping",
         "under `a`, `a[].b` that of every entry of the list under `a`. A key that is required is",
         "so wherever the mapping that it belongs to is given in that form.",
         "",
@@ -287,7 +287,7 @@ def schema_text() -> str:
 
 WIDTH: Final = 98
 SCHEMA_FILE: Final = "fvi.schema.json"
-"""Name of the schema file, which a starter file expects in its own folder."""
+"""Name of the schema file, beside a starter file."""
 MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
 """The line at the top of a configuration by which editors find the schema."""
 OF_MATERIAL: Final = {
@@ -305,8 +305,7 @@ OF_MATERIAL: Final = {
 def starter_config(kind: str, *, name: str | None = None) -> str:
     """A commented, valid configuration of a kind of problem, to begin with.
 
-    Its first line refers editors to the schema :data:`SCHEMA_FILE` in the same folder. The default
-    name is ``my-<kind>``.
+    The default name is ``my-<kind>``.
     """
     if kind not in KINDS:
         raise RequestError(
@@ -314,7 +313,6 @@ def starter_config(kind: str, *, name: str | None = None) -> str:
         )
     described = KINDS[kind]
     lines = [
-        MODELINE,
         *_comment(described.equation, ""),
         f"name: {name or f'my-{kind}'}",
         "",

@@ -46,10 +46,8 @@ def run(
     workers: int = 1,
     dask: str | None = None,
     fresh: bool = False,
-    fail_fast: bool = False,
     allow_unstable: bool = False,
     keep: bool = True,
-    wait: bool = False,
     shard: str = "1/1",
     progress: bool = False,
     keeps_motions: bool = True,
@@ -66,7 +64,7 @@ def run(
         Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
         Address of a Dask scheduler whose workers compute in place of processes here.
-    fresh, fail_fast, allow_unstable, wait, shard
+    fresh, allow_unstable, shard
         As the options of the command line.
     keep
         Store the computed runs in `output`.
@@ -89,10 +87,8 @@ def run(
         workers=workers,
         dask=dask,
         fresh=fresh or output is None,
-        fail_fast=fail_fast,
         show_progress=progress,
         keep=keep and output is not None,
-        waits=wait,
         keeps_motions=keeps_motions,
         shard=shard_named(shard),
     )
@@ -112,14 +108,13 @@ def run(
                 done[one] = kept(found)
         shown: set[tuple[str, str, str]] = set()
 
-        def take(one: FinishedJob) -> bool:
+        def take(one: FinishedJob) -> None:
             # runs of a dead worker are not stored, so the next command computes them again
             if is_kept and one.stored:
                 store.add(one.stored)
             for run, finished in zip(one.job.runs, one.finished, strict=True):
                 done[run] = kept(finished)
                 _report(finished, shown)
-            return any(map(is_unexpected_failure, one.finished))
 
         try:
             if request.stored is None:
@@ -172,14 +167,14 @@ def compute_jobs(
     *,
     title: str,
     compute: ComputeJob,
-    take: Callable[[FinishedJob], bool],
+    take: Callable[[FinishedJob], None],
     store: Store,
     is_kept: bool,
 ) -> None:
-    """Compute the jobs of a command, with progress, references and --fail-fast.
+    """Compute the jobs of a command, with progress and references.
 
-    `take` is called with every finished job and returns whether it failed unexpectedly. References
-    are looked up in `store`; with `is_kept` computed references are stored there.
+    `take` is called with every finished job. References are looked up in `store`; with `is_kept`
+    computed references are stored there.
     """
     runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
     references = _References(store=store, jobs=jobs, is_kept=is_kept)
@@ -200,14 +195,11 @@ def compute_jobs(
             if one.job.is_reference:
                 references.learn(one)
                 continue
-            is_failure = take(one)
+            take(one)
             for run, result in zip(one.job.runs, one.results, strict=True):
                 found = result.run if isinstance(result, FinishedRun) else run
                 bar.finished(_named(found.title, title), one.job.runs[0], run.n_steps)
             references.forget(one.job)
-            if settings.fail_fast and is_failure:
-                _logger.error("stopped at the first unexpected failure (--fail-fast)")
-                break
 
 
 class _References:

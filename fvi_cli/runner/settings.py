@@ -32,11 +32,8 @@ class Settings:
     workers: int = 1  # number of processes of this machine
     dask: str | None = None  # address of a Dask scheduler; its workers replace local processes
     fresh: bool = False  # ignore stored runs
-    fail_fast: bool = False  # stop at the first unexpected failure
     show_progress: bool = True  # draw a progress bar where there is a terminal
     keep: bool = True  # write results; otherwise no file is written
-    # where another command writes the same result file, wait until that has ended
-    waits: bool = False
     # return the points of members of a sweep; a summary does not need them once they are stored
     keeps_motions: bool = True
     shard: Shard = WHOLE  # compute only this part of every configuration, into a file of its own

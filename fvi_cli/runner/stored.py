@@ -31,7 +31,7 @@ def stored_runs(request: Request, settings: Settings, *, writes: bool = False) -
     is_fresh = settings.fresh and request.stored is None
     path = settings.path_of(request)
     opened = (
-        open_results(settings.output, path.stem, fresh=is_fresh, waits=settings.waits)
+        open_results(settings.output, path.stem, fresh=is_fresh)
         if writes
         else read_results(path, fresh=is_fresh, may_be_missing=request.stored is None)
     )

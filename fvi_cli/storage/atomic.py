@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import logging
 import os
 import tempfile
 from collections.abc import Iterator
@@ -12,13 +11,10 @@ from pathlib import Path
 
 from fvi_cli.errors import StorageError
 
-_logger = logging.getLogger(__name__)
-
 UNFINISHED = ".part"
 """Ending of files that are being written; such a file that a crash leaves behind is useless."""
 
 
-_SECONDS_BETWEEN_TRIES = 0.2
 _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
@@ -137,12 +133,11 @@ def reason(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
+def file_lock(path: Path) -> Iterator[None]:
     """Hold a result file, which need not exist, for one process alone.
 
     The lock is the kernel's, on the file ``.<name>.lock`` beside it. That file stays: removing it
-    would let two processes hold locks on two files of that name. With `waits` the caller waits
-    while another process holds the lock.
+    would let two processes hold locks on two files of that name.
     """
     from filelock import FileLock, Timeout
 
@@ -156,13 +151,10 @@ def file_lock(path: Path, *, waits: bool = False) -> Iterator[None]:
         try:
             lock.acquire()
         except Timeout:
-            if not waits:
-                raise StorageError(
-                    f"{path}: another fvi is writing it; wait until it has ended (--wait does), "
-                    "or choose another folder with --output"
-                ) from None
-            _logger.info("%s: another fvi is writing it; waiting until it has ended", path)
-            lock.acquire(timeout=-1, poll_interval=_SECONDS_BETWEEN_TRIES)
+            raise StorageError(
+                f"{path}: another fvi is writing it; wait until it has ended, or choose another "
+                "folder with --output"
+            ) from None
     except OSError as error:
         if error.errno in _WITHOUT_LOCKS:
             raise StorageError(

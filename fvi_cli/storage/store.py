@@ -56,16 +56,14 @@ _logger = logging.getLogger(__name__)
 
 
 @contextlib.contextmanager
-def open_results(
-    directory: Path, name: str, *, fresh: bool = False, waits: bool = False
-) -> Iterator[Store]:
+def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator[Store]:
     """Open ``<name>.h5`` in `directory` for reading and for new runs.
 
     A lock of the kernel holds the file until the block ends. With `fresh` stored runs are not
     found, so that each is computed again and replaced.
     """
     path = directory / f"{name}{SUFFIX}"
-    with file_lock(path, waits=waits):
+    with file_lock(path):
         remove_unfinished(path)
         with contextlib.closing(Store(path, writes=True, is_fresh=fresh)) as store:
             yield store

@@ -129,8 +129,8 @@ def test_two_commands_on_one_file_do_not_meet(folder):
         first_finished(first)
         second = here("run", "quick.yaml", code=2)
         assert second.stderr == (
-            "fvi: results/quick.h5: another fvi is writing it; wait until it has ended (--wait "
-            "does), or choose another folder with --output\n"
+            "fvi: results/quick.h5: another fvi is writing it; wait until it has ended, "
+            "or choose another folder with --output\n"
         )
         assert second.stdout == ""
         # neither looking nor another folder is forbidden, nor another file of the same folder

@@ -21,19 +21,18 @@ class Merged:
     missing: int  # number of these that no file holds
 
 
-def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> Merged:
-    """Merge the runs of result files into ``<name>.h5``; every run is verified.
+def merge_files(paths: Sequence[Path], output: Path) -> Merged:
+    """Merge the runs of result files into ``<name>.h5``.
 
-    Runs that ``<name>.h5`` already has stay, and so do the merged files. With `waits` the function
-    waits until commands that write one of the files have ended.
+    Runs that ``<name>.h5`` already has stay, and so do the merged files.
 
     Raises
     ------
     RequestError
         If the files are not of one configuration.
     StorageError
-        If a file cannot be read, is damaged or still being written, or two files have the same run
-        with other numbers; all files are unchanged then.
+        If a file cannot be read, is damaged or still being written; all files are unchanged
+        then.
     """
     wrong = [path for path in paths if path.suffix != STORED_SUFFIX]
     if wrong:
@@ -50,11 +49,11 @@ def merge_files(paths: Sequence[Path], output: Path, *, waits: bool = False) -> 
     # free the memory of the members of a large sweep before writing
     del request
     target = output / f"{name}{STORED_SUFFIX}"
-    with open_results(output, name, waits=waits) as store:
+    with open_results(output, name) as store:
         for path in paths:
             if target.exists() and path.samefile(target):
                 continue
-            with file_lock(path, waits=waits), read_results(path) as part:
+            with file_lock(path), read_results(path) as part:
                 store.merge(part)
         runs = (run for one in experiments for run in one.runs())
         count, missing = store.mark_requested(runs)
