@@ -60,8 +60,6 @@ def _row(option: Any) -> str:
     names += "".join(f" / {other}" for other in option.secondary_opts)
     value = "" if option.is_flag else f" {option.metavar or 'TEXT'}"
     text = option.help or ""
-    if option.envvar:
-        text += f" Set for every command by the environment variable `{option.envvar}`."
     if not option.is_flag and option.default not in (None, (), [], ""):
         text += f" Default: {option.default}."
     return f"| `{names}{value.replace('|', chr(92) + '|')}` | {text} |"

@@ -20,9 +20,8 @@ command             call
 ``fvi export``      :func:`export`
 ``fvi merge``       :func:`merge_files`
 ``fvi forget``      :func:`forget`
-``fvi new``         :func:`starter_config`
+``fvi new``         :func:`starter_config`, :func:`json_schema`
 ``fvi guide``       ``fvi_cli.config.guide_page``
-``fvi schema``      :func:`json_schema`
 =================== ===========================================================================
 
 :func:`as_text` returns what a command prints of a result, :func:`write` writes the result to files,
