@@ -8,6 +8,7 @@ import h5py
 import pytest
 
 from fvi_cli.config import parse_config
+from fvi_cli.errors import ConfigError
 
 CONFIG = """\
 name: tuned
@@ -16,9 +17,10 @@ problem:
   damping: [{order: 0.5, coefficient: 0.3}]
   initial: {position: 1.0}
   final_time: 4.0
-accuracy: {tolerance: 1e-7, mesh: uniform}
+method: gauss6
+accuracy: {tolerance: 1e-7}
 """
-ADAPTIVE = CONFIG.replace(", mesh: uniform", "")
+ADAPTIVE = CONFIG.replace("method: gauss6\n", "")
 
 
 @pytest.fixture
@@ -45,6 +47,25 @@ def stored(tmp_path, name="tuned"):
         ]
 
 
+def test_a_method_beside_it_fixes_the_number_of_stages(fvi, tmp_path):
+    (experiment,) = parse_config(CONFIG, "tuned.yaml").experiments
+    assert {method.degree for method in experiment.methods} == {6}
+    assert experiment.needs_search
+    fvi("run", "tuned.yaml")
+    (run,) = stored(tmp_path)
+    assert run["error"] <= run["estimate"] <= run["tolerance"]
+    assert "gauss-s6" in run["case"]
+    for method in ("bdf3", "gauss1", "[gauss4, gauss6]", "{baseline: explicit-euler}"):
+        with pytest.raises(ConfigError, match="with accuracy, one method such as gauss6"):
+            parse_config(CONFIG.replace("gauss6", method), "tuned.yaml")
+
+
+def test_a_longest_step_is_kept(fvi, tmp_path):
+    fvi("run", "found.yaml", "--set", "accuracy.max_step=0.1")
+    (run,) = stored(tmp_path, "found")
+    assert run["n_steps"] >= 40
+
+
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
     said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
     assert "refused after" in said
@@ -60,7 +81,9 @@ def test_starter_files_show_the_key(fvi):
     text = Path("mine.yaml").read_text()
     assert "\n# accuracy: {tolerance: 1e-8}\n" in text
     ladder = text[text.index("\nladder: ") :].split("\n")[1]
-    changed = text.replace(ladder, "").replace("# accuracy:", "accuracy:")
+    method = text[text.index("\nmethod: ") :].split("\n")[1]
+    changed = text.replace(ladder, "").replace(method, "")
+    changed = changed.replace("# accuracy:", "accuracy:")
     (experiment,) = parse_config(changed, "mine.yaml").experiments
     assert experiment.needs_search
 

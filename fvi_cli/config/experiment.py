@@ -127,7 +127,7 @@ def make_experiment(
         problem_specification=described,
         methods=tuple(listed_method.method for listed_method in methods)
         if accuracy is None
-        else accuracy.candidates,
+        else accuracy.methods,
         steps=steps,
         grading=grading,
         norm=settings.report.norm,
@@ -193,12 +193,12 @@ def _explain_negative_factor(value: object) -> str:
 
 
 def _methods_of(methods: Sequence[ListedMethod], accuracy: Accuracy | None) -> dict[str, Any]:
-    """The resolved keys of the methods; with adaptive steps they follow from the tolerance."""
+    """The resolved keys of the methods; without any they follow from a tolerance."""
     found = {"method": [listed_method.resolved for listed_method in methods]}
     if accuracy is None:
         return found
     own = {"accuracy": as_plain(accuracy)}
-    return own if accuracy.mesh == "adaptive" else {**found, **own}
+    return own if accuracy.stages is None else {**found, **own}
 
 
 def _make_members(

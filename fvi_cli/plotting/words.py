@@ -92,8 +92,7 @@ def in_formula(value: float, digits: int = 8) -> str:
 
 def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str:
     """The label of an axis of time, with the step size if all steps are equal."""
-    accuracy = experiment.accuracy
-    is_even = experiment.grading == 1.0 and (accuracy is None or accuracy.mesh != "adaptive")
+    is_even = experiment.grading == 1.0 and experiment.accuracy is None
     sizes = {item.run.step_size for item in shown if is_even}
     unit = experiment.units.get("time", "")
     if len(sizes) != 1:

@@ -35,10 +35,6 @@ def plans_as_text(plans: Sequence[PlannedRun]) -> str:
 
 
 def _method_and_steps(plan: PlannedRun, names: Mapping[str, MethodName]) -> tuple[str, str]:
-    accuracy, name = plan.run.experiment.accuracy, names[plan.run.method.case].label
-    if accuracy is None or not plan.finds_steps:
-        return name, str(plan.run.n_steps)
-    if accuracy.mesh == "adaptive":
+    if plan.finds_steps:
         return "Gauss", "adaptive"
-    count = len(accuracy.candidates)
-    return (name if count == 1 else f"one of {count}"), "equal"
+    return names[plan.run.method.case].label, str(plan.run.n_steps)

@@ -3,47 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import ClassVar
 
 from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method
 from fvi_cli.integrator.trajectory import Outcome
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.settings import Fraction, Positive, Setting, key
 
-MeshChoice = Literal["adaptive", "uniform"]
-
-
-USUAL_CANDIDATES: tuple[AnyMethod, ...] = tuple(
-    Method(cq="gauss", degree=degree, start="graded") for degree in (4, 3, 2)
-)
-"""The candidate methods of a configuration that names none."""
-
-
+USUAL_STAGES = (10, 12, 8)
 RULES: tuple[ForcingQuadrature, ...] = ("exact", "galerkin")
-ADAPTIVE_CANDIDATES: tuple[AnyMethod, ...] = tuple(
-    Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)
-    for degree in (10, 8, 6, 5, 4, 12)
-    for rule in RULES
-)
-"""The methods that a run on an adaptive mesh may end with."""
 
 
 class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
-    """A tolerance in place of numbers of steps, and the candidate methods."""
+    """A tolerance in place of numbers of steps."""
 
-    candidates: ClassVar[tuple[AnyMethod, ...]] = USUAL_CANDIDATES
+    stages: ClassVar[int | None] = None
+    """Number of stages by the method that is given beside it; None: it follows."""
     tolerance: Positive | None = key(
         "Largest error of the position, absolute, in report.norm; this or relative.", default=None
     )
     relative: Fraction | None = key(
         "The same as a share of the largest position of the run.", default=None
     )
-    mesh: MeshChoice | None = key(
-        "adaptive: steps are chosen during the run, with 4 to 10 stages; uniform: one of the "
-        "methods with a number of equal steps is chosen. Default: adaptive where no method "
-        "is given.",
-        default=None,
-    )
+    max_step: Positive | None = key("Longest step, in the unit of time.", default=None)
 
     @classmethod
     def check_presence(cls, at: Cursor) -> None:
@@ -60,13 +42,24 @@ class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
             return f"{self.tolerance:g}"
         return f"{self.relative:g} of the largest position"
 
+    @property
+    def methods(self) -> tuple[AnyMethod, ...]:
+        """The methods that a run may end with."""
+        return tuple(
+            Method(cq="gauss", degree=stages, start="none", forcing_quadrature=rule)
+            for stages in (USUAL_STAGES if self.stages is None else (self.stages,))
+            for rule in RULES
+        )
+
     def specification(self) -> dict[str, object]:
-        """All settings that determine the choice of method and steps, as JSON values."""
-        given = {"tolerance": self.tolerance, "relative": self.relative}
-        settings = {name: value for name, value in given.items() if value is not None}
-        if self.mesh == "adaptive":
-            return {**settings, "mesh": "adaptive"}
-        return {**settings, "candidates": [method.case for method in self.candidates]}
+        """All settings that determine the steps, as JSON values."""
+        given = {
+            "tolerance": self.tolerance,
+            "relative": self.relative,
+            "max_step": self.max_step,
+            "stages": self.stages,
+        }
+        return {name: value for name, value in given.items() if value is not None}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +68,7 @@ class Assurance:
 
     tolerance: float  # requested tolerance, a length
     estimate: float  # estimated error; nan where no second run could be compared
-    choice: str  # one line: the chosen method and number of steps, and why
+    choice: str  # one line: the method and number of steps, and why
     attempts: tuple[str, ...]  # one line for every run of the search, this one included
     outcome: Outcome = "met"
     """``met``, ``unreliable`` or ``refused``."""

@@ -126,7 +126,7 @@ class Experiment:
         Where method and number of steps are still to be chosen: one search for every scene.
         """
         if self.accuracy is not None and self.needs_search:
-            first = self.chosen_run(self.accuracy.candidates[0], 1)
+            first = self.chosen_run(self.accuracy.methods[0], 1)
             return [replace(first, member=member) for member in self.members or (None,)]
         return [
             Run(experiment=self, method=method, n_steps=n, member=member)

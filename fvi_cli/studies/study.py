@@ -66,17 +66,16 @@ def execute_batch(
     runs: Sequence[Run],
     references: Sequence[Reference | None] = (),
     *,
-    available_bytes: int | None = None,
     log: Callable[[str], object] = lambda line: None,
 ) -> list[FinishedRun]:
     """Compute runs by one method on one number of steps, e.g. members of a sweep; or one search.
 
     A run that fails does not disturb the others. A run that is predicted to blow up is computed
     only with ``allow_unstable``. References that are not given are found here. A search for a
-    tolerance takes at most `available_bytes` of memory and gives `log` a line for every run.
+    tolerance gives `log` a line for every run.
     """
     if runs[0].is_search:
-        return [run_for_tolerance(run, available_bytes=available_bytes, log=log) for run in runs]
+        return [run_for_tolerance(run, log=log) for run in runs]
     predictions = [prediction_of(run) for run in runs]
     going = [
         run

@@ -100,8 +100,8 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
     )
     ladder: Ladder | None = key("Numbers of steps; this or accuracy is required.", default=None)
     accuracy: Accuracy | None = key(
-        "In place of ladder: method (one of those given, or of Gauss methods) and number of steps "
-        "are chosen for a tolerance, which an estimate is held against.",
+        "In place of ladder: steps are chosen for a tolerance, and a second run estimates the "
+        "error. Without method too, which else is one Gauss method, for its number of stages.",
         default=None,
     )
     designs: Designs = key(

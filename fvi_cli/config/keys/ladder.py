@@ -10,12 +10,14 @@ from fvi_cli.config.keys.methods import ListedMethod, objection_to_grading
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.mesh import check_graded
+from fvi_cli.integrator.method import Method
 from fvi_cli.keys.containers import OneOrMany
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Integer, Number
 from fvi_cli.keys.settings import Setting, key
+from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
-from fvi_cli.studies.accuracy_settings import ADAPTIVE_CANDIDATES, Accuracy, MeshChoice
+from fvi_cli.studies.accuracy_settings import Accuracy
 
 MOST_STEPS: Final = 2**30
 EXAMPLE: Final = "{steps: [16, 32, 64]} or {from: 4, to: 6, base: 2}"
@@ -114,19 +116,10 @@ def refuse_step(at: Cursor, index: int, message: str) -> None:
 
 
 ACCURACY_EXAMPLE: Final = "accuracy: {tolerance: 1e-8}"
-USUAL: Final[Mapping[str, list[Any]]] = {
-    "rk": ["gauss"],
-    "degree": [4, 3, 2],
-    "start": ["graded"],
-}
-"""Default candidates for a tolerance on uniform meshes."""
-
-USUAL_ADAPTIVE: Final[Mapping[str, list[Any]]] = {
-    "rk": ["gauss"],
-    "degree": [10],
-    "start": ["none"],
-}
-"""Placeholder for the methods of adaptive meshes while a configuration is read."""
+FEWEST_STAGES: Final = 2
+MOST_STAGES: Final = LARGEST_DEGREE - 2  # the second run has two more
+USUAL: Final[Mapping[str, list[Any]]] = {"rk": ["gauss"], "degree": [10], "start": ["none"]}
+"""Placeholder for the method of a tolerance while a configuration is read."""
 
 USUAL_STEPS: Final = 256
 """Least number of steps where a displacement is given and no ladder."""
@@ -134,11 +127,7 @@ USUAL_STEPS: Final = 256
 
 def usual_methods(accuracy: object) -> Mapping[str, list[Any]]:
     """Default methods for a tolerance; empty where there is no `accuracy`."""
-    if accuracy is None:
-        return {}
-    return (
-        USUAL_ADAPTIVE if isinstance(accuracy, Accuracy) and accuracy.mesh != "uniform" else USUAL
-    )
+    return {} if accuracy is None else USUAL
 
 
 def prescribed_of(problem: AnyProblem | None) -> PrescribedMotion | None:
@@ -163,16 +152,12 @@ def check_accuracy(at: Cursor, problem: AnyProblem | None) -> None:
         at.refuse_key("ladder", message)
     if has_accuracy and has_ladder:
         at.refuse_key("accuracy", "not together with ladder: N is chosen for the tolerance")
-    under = at.under("accuracy")
-    if has_accuracy and at.has("method") and under.under("mesh").scalar == "adaptive":
-        message = "adaptive: method and degree follow from the tolerance; leave method out"
-        under.refuse_key("mesh", message)
 
 
 def accuracy_of(
     given: Accuracy, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
 ) -> Accuracy | None:
-    """The tolerance with its candidate methods; None, maybe with complaints, if it is wrong."""
+    """The tolerance with its number of stages; None, maybe with complaints, if it is wrong."""
     if isinstance(given.tolerance, float) == isinstance(given.relative, float):
         return None
     if isinstance(problem, DerivativeProblem):
@@ -181,9 +166,17 @@ def accuracy_of(
     if prescribed_of(problem) is not None:
         at.refuse_key("accuracy", "a displacement that is given has no error; give a ladder")
         return None
-    usual: MeshChoice = "uniform" if at.has("method") else "adaptive"
-    mesh = given.mesh or usual
-    candidates = tuple(listed.method for listed in methods)
-    if mesh == "adaptive":
-        candidates = ADAPTIVE_CANDIDATES
-    return given.replaced(mesh=mesh, candidates=candidates) if candidates else None
+    if not at.has("method"):
+        return given
+    if not methods:
+        return None
+    first = methods[0].method
+    stages = first.degree if isinstance(first, Method) and first.cq == "gauss" else 0
+    if len(methods) > 1 or not FEWEST_STAGES <= stages <= MOST_STAGES:
+        at.refuse_key(
+            "method",
+            f"with accuracy, one method such as gauss6, of {FEWEST_STAGES} to {MOST_STAGES} "
+            "stages; without it they follow from the tolerance",
+        )
+        return None
+    return given.replaced(stages=stages)

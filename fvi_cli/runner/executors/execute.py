@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 
-from fvi_cli.config.memory import machine_bytes
 from fvi_cli.runner.executors.jobs import Job, References, Results
 from fvi_cli.studies.reference import refined_references
 from fvi_cli.studies.study import execute_batch
@@ -20,6 +19,5 @@ def execute_job(job: Job, references: References = ()) -> Results:
     return execute_batch(
         job.runs,
         references,
-        available_bytes=machine_bytes() if first.is_search else None,
         log=lambda line: _logger.info("%s: %s", first.name, line),
     )

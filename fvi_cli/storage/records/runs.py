@@ -220,7 +220,7 @@ def run_of(requested: Run, attributes: Mapping[str, Any]) -> Run | None:
     if accuracy is None:
         return requested
     stored_method = json.loads(attributes["specification"])["method"]
-    for method in accuracy.candidates:
+    for method in accuracy.methods:
         if method.case == attributes["case"]:
             run = requested.experiment.chosen_run(method, n_steps, requested.member)
             if json.loads(json.dumps(run.settings()["method"])) == stored_method:

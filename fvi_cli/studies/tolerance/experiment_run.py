@@ -16,7 +16,6 @@ from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import error_norm
-from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from fvi_cli.studies.tolerance.runs import gauss
 from fvi_cli.studies.tolerance.search import solve_by_two_runs
 
@@ -24,47 +23,25 @@ EPSILON = float(np.finfo(float).eps)
 
 
 def run_for_tolerance(
-    search: Run,
-    *,
-    available_bytes: int | None = None,
-    log: Callable[[str], object] = lambda line: None,
+    search: Run, *, log: Callable[[str], object] = lambda line: None
 ) -> FinishedRun:
     """Find the steps that the experiment's tolerance needs, and finish their run.
 
-    On adaptive meshes the tolerance holds at any time, and so in every norm; in l2 it is
-    multiplied by the root of T. The error of the run is its true error at the reported times (in l2
-    on the mesh) where the exact solution is known, otherwise the estimate. Values that are reported
-    between the points of the mesh are compared with the polynomials of the run itself, on equal
-    steps with an adaptive run; if they differ by more than the tolerance it is not met.
+    The tolerance holds at any time, and so in every norm; in l2 it is multiplied by the root of T.
+    The error of the run is its true error at the reported times (in l2 on the mesh) where the exact
+    solution is known, otherwise the estimate.
 
     The finished run belongs to the experiment with the chosen method and steps, and has an
-    assurance; its status is ``refused`` where the tolerance is not kept. `available_bytes` limits
-    the memory of runs on equal steps.
+    assurance; its status is ``refused`` where the tolerance is not kept.
     """
     experiment, scene, accuracy = search.experiment, search.scene, search.experiment.accuracy
     if accuracy is None:
         raise ValueError(f"{experiment.name}: no tolerance is asked for")
-    unit, tolerance = 1.0, accuracy.tolerance
-    other: Trajectory | None
-    if accuracy.mesh == "uniform":
-        method, found, other = solve_on_equal_steps(
-            scene,
-            accuracy.candidates,
-            tolerance=tolerance,
-            relative=accuracy.relative,
-            norm=experiment.norm,
-            available_bytes=available_bytes,
-            log=log,
-        )
-    else:
-        unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
-        found, other = solve_by_two_runs(
-            scene,
-            tolerance=None if tolerance is None else tolerance / unit,
-            relative=accuracy.relative,
-            log=log,
-        )
-        method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
+    unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
+    tolerance = accuracy.tolerance
+    wanted = accuracy.replaced(tolerance=None if tolerance is None else tolerance / unit)
+    found, other = solve_by_two_runs(scene, wanted, log=log)
+    method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
     known = found.assessment
     if known is None:  # pragma: no cover - a solved run has one
         raise ValueError(f"{experiment.name}: no run was made")
@@ -72,9 +49,6 @@ def run_for_tolerance(
     on_mesh = trajectory = _diagnosed(run, found)
     if not run.observations.is_empty and found.status == "ok":
         trajectory = _observed(run, on_mesh)
-        if accuracy.mesh != "uniform" or experiment.norm == "max":
-            truth = other if accuracy.mesh == "uniform" else found
-            known = _between_points(trajectory, truth, known)
         trajectory = _with_errors(run, trajectory, other, known.estimate)
     error, reference, exact = unit * known.estimate, "a second run, an estimate", run.problem.exact
     if exact is not None:
@@ -174,31 +148,6 @@ def _with_errors(
     return replace(reported, observed=replace(observed, extents=extents))
 
 
-def _between_points(
-    reported: Trajectory, truth: Trajectory | None, known: Assessment
-) -> Assessment:
-    """The assessment with the error at the reported times, from polynomials of the run."""
-    if truth is None or truth.steps is None or known.outcome != "met" or not reported.time.size:
-        return known
-    gaps = np.abs(reported.position - truth(reported.time)).max(axis=1)
-    worst = int(np.argmax(np.where(np.isnan(gaps), math.inf, gaps)))
-    if gaps[worst] <= known.estimate:
-        return known
-    estimate = known.estimate + float(gaps[worst])
-    if estimate <= known.tolerance:
-        return replace(known, estimate=estimate)
-    time = float(reported.time[worst])
-    return replace(
-        known,
-        outcome="unreliable",
-        estimate=estimate,
-        reason=f"between the points of the mesh, at t = {time:.6g}, two interpolants differ by "
-        f"{gaps[worst]:.2g}; ask for fewer digits, or leave out `output`",
-        time=time,
-        place=tuple(reported.position[worst].tolist()),
-    )
-
-
 def _held_against_exact(
     known: Assessment, error: float, tolerance: float, unit: float
 ) -> Assessment:
@@ -215,10 +164,9 @@ def _held_against_exact(
 
 def _message(run: Run, assessment: Assessment) -> str:
     rounds = len(assessment.attempts)
-    adaptive = run.experiment.accuracy is not None and run.experiment.accuracy.mesh == "adaptive"
-    steps = f"{run.n_steps} adaptive steps" if adaptive else f"N = {run.n_steps}"
     return (
-        f"{method_name(run.method)} on {steps}: estimated error {assessment.estimate:.2g} "
+        f"{method_name(run.method)} on {run.n_steps} adaptive steps: estimated error "
+        f"{assessment.estimate:.2g} "
         f"for a tolerance of {assessment.tolerance:.3g}, {assessment.outcome} after {rounds} "
         f"round{'' if rounds == 1 else 's'}"
     )

@@ -36,10 +36,12 @@ class AdaptiveRuns:
         degree: int,
         *,
         samples: ForceSamples,
+        max_step: float | None = None,
         most_steps: int = MOST_STEPS,
     ) -> None:
         self._scene, self._method = scene, gauss(scene, degree)
         self._samples, self._most_steps = samples, most_steps
+        self._max_step = math.inf if max_step is None else max_step
         self._engine: Engine | None = None
 
     def run(self, local: float, *, may_miss: float = math.inf) -> Trajectory:
@@ -48,6 +50,7 @@ class AdaptiveRuns:
             tolerance=local,
             may_miss=may_miss,
             most_steps=self._most_steps,
+            max_step=self._max_step,
             points=knots_of(self._scene),
             samples=self._samples,
         )

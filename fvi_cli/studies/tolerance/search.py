@@ -76,13 +76,15 @@ def solve(
     *,
     tolerance: float | None = None,
     relative: float | None = None,
+    max_step: float | None = None,
     log: Callable[[str], object] = lambda line: None,
 ) -> Trajectory:
     """Integrate a scene such that the position errs by no more than a tolerance, at any time.
 
     The limit for any component is `tolerance`, a length, or the share `relative` of the largest
-    position of the run. Steps are chosen during the run, and a second run measures the error
-    (``docs/explanation/tolerances.md``). `log` is called with a line about every run.
+    position of the run. Steps are chosen during the run, none longer than `max_step`, and a second
+    run measures the error (``docs/explanation/tolerances.md``). `log` is called with a line about
+    every run.
 
     The best run is returned. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at
     any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
@@ -92,21 +94,17 @@ def solve(
     Raises
     ------
     ValueError
-        If not exactly one of the two is given, or it is not a positive number.
+        If not exactly one of the two is given, or one is not a positive number.
     """
-    return solve_by_two_runs(scene, tolerance=tolerance, relative=relative, log=log)[0]
+    wanted = Accuracy(tolerance=tolerance, relative=relative, max_step=max_step)
+    return solve_by_two_runs(scene, wanted, log=log)[0]
 
 
 @in_one_thread
 def solve_by_two_runs(
-    scene: Scene,
-    *,
-    tolerance: float | None = None,
-    relative: float | None = None,
-    log: Callable[[str], object] = lambda line: None,
+    scene: Scene, wanted: Accuracy, *, log: Callable[[str], object] = lambda line: None
 ) -> tuple[Trajectory, Trajectory | None]:
-    """As :func:`solve`, and the second, less accurate run; None: there is none."""
-    wanted = Accuracy(tolerance=tolerance, relative=relative)
+    """As :func:`solve`, and the run that it is compared with; None: there is none."""
     search = _Search(scene=scene, wanted=wanted, log=log)
     run = search.result()
     return run, None if search.given is None else search.given.other
@@ -149,11 +147,12 @@ class _Search:
 
     def result(self) -> Trajectory:
         self.guess = likely_amplitude(self.scene)
-        degree = 8 if self.digits <= FEW_DIGITS else 10
+        degree = self.wanted.stages or (8 if self.digits <= FEW_DIGITS else 10)
         local = first_local(self.target(self.guess), self.guess)
         samples = sample_forces(self.scene)
         runs, finer = (
-            AdaptiveRuns(self.scene, one, samples=samples) for one in (degree, degree + 2)
+            AdaptiveRuns(self.scene, one, samples=samples, max_step=self.wanted.max_step)
+            for one in (degree, degree + 2)
         )
         # on one mesh two runs may miss the same feature
         is_rough = SceneForces(self.scene).is_steep
@@ -185,7 +184,10 @@ class _Search:
                 moved = run_on(perturb_start(self.scene, run), degree, mesh)
                 self.rounding = differences_of(coarse, moved)
             gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)
-            one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
+            if self.wanted.stages is None:
+                one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
+            else:
+                one = self._compared(run, coarse, 1.0, words)
             self._note(one)
             if amplitude == 0.0 and self.wanted.relative is not None:
                 return self._result(
@@ -207,18 +209,18 @@ class _Search:
             local = min(max(SHRINKS_TO[0], factor) * local, COARSEST * amplitude or local)
         return self._given_up()
 
-    def _compared(self, coarse: Trajectory, run: Trajectory, gain: float, words: str) -> Round:
-        """A run with its error, the share `gain` of its difference from a less accurate run."""
+    def _compared(self, other: Trajectory, run: Trajectory, gain: float, words: str) -> Round:
+        """A run with its error, the share `gain` of its difference from another run."""
         if run.steps is None:  # pragma: no cover - it was asked for
             raise ValueError("tolerance: a run without its polynomials")
-        times, differences = differences_of(coarse, run)
+        times, differences = differences_of(other, run)
         difference = float(differences.max())
         at_points = max(gain * difference, self._rounded(run))
         between = float(between_points(self.scene, run.steps).max())
-        steps = "the same" if run.n_steps == coarse.n_steps else f"{run.n_steps}"
+        steps = "the same" if run.n_steps == other.n_steps else f"{run.n_steps}"
         return Round(
             run=run,
-            other=coarse,
+            other=other,
             times=times,
             differences=differences,
             at_points=at_points,

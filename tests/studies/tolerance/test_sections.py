@@ -21,7 +21,7 @@ problem:
   initial: {{position: {position!r}, velocity: {velocity!r}}}
   final_time: {final_time!r}
   exact: none
-accuracy: {{tolerance: {tolerance!r}, mesh: {mesh}}}
+accuracy: {{tolerance: {tolerance!r}}}
 events: {{period: {{when: "sin({rate!r}*t + {phase!r})", direction: {direction}}}}}
 figures: [section]
 {more}
@@ -42,7 +42,6 @@ def draw(seed: int) -> dict[str, object]:
         "velocity": float(random.uniform(-1.0, 1.0)) / unit,
         "final_time": final_time,
         "tolerance": float(10 ** -random.uniform(3, 8)),
-        "mesh": ("adaptive", "uniform")[seed % 2],
         # up to 6,000 changes of sign, of which the motion knows nothing
         "rate": float(10 ** random.uniform(1.0, 3.8)) * math.pi / final_time,
         "phase": float(random.uniform(0.2, 3.0)),
