@@ -82,12 +82,6 @@ def test_a_spring_whose_end_is_shaken():
     assert np.abs(a.position - b.position).max() < 1e-14
 
 
-def test_a_mass_that_is_constant_after_all():
-    made = single("((l*cos(x)*vx)**2 + (l*sin(x)*vx)**2)/2 + cos(x)", parameters={"l": 2.0})
-    assert made.inertia.mass == pytest.approx(np.array([[4.0]]), abs=1e-14)
-    assert isinstance(made.potential, ExpressionPotential)
-
-
 def test_free_motion_has_no_potential():
     made = single("m*vx**2/2 + 3 + 0*x", parameters={"m": 2.0})
     assert made.potential is None
