@@ -19,7 +19,6 @@ command             call
 ``fvi fit``         :func:`fit`
 ``fvi export``      :func:`export`
 ``fvi merge``       :func:`merge_files`
-``fvi forget``      :func:`forget`
 ``fvi new``         :func:`starter_config`, :func:`json_schema`
 ``fvi guide``       ``fvi_cli.config.guide_page``
 =================== ===========================================================================

@@ -57,7 +57,6 @@ from fvi_cli.runner.compute import recall as recall
 from fvi_cli.runner.compute import run as run
 from fvi_cli.runner.cost import cost as cost
 from fvi_cli.runner.fits.fit import fit as fit
-from fvi_cli.runner.forget import forget as forget
 from fvi_cli.runner.integrate_scene import integrate as integrate
 from fvi_cli.runner.outcome import Outcome as Outcome
 from fvi_cli.runner.parts.merge import merge_files as merge_files

@@ -25,7 +25,13 @@ if TYPE_CHECKING:
     fvi run mine.yaml --dry-run
     """,
 )
-def run(call: Call, sources: Sources) -> int:
+def run(
+    call: Call,
+    sources: Sources,
+    prune: Annotated[
+        bool, typer.Option("--prune", help="Drop stored runs that are no longer asked for.")
+    ] = False,
+) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
     from fvi_cli.render.results import json_rows
     from fvi_cli.render.runs import runs_as_text
@@ -44,7 +50,7 @@ def run(call: Call, sources: Sources) -> int:
 
     call.gather(sources)
     call.remark()
-    return call.each(compute_runs, show, keeps_motions=False)
+    return call.each(compute_runs, show, keeps_motions=False, prune=prune)
 
 
 @command(

@@ -1,4 +1,4 @@
-"""Commands for result files: ``show``, ``export``, ``merge``, ``forget``."""
+"""Commands for result files: ``show``, ``export``, ``merge``."""
 
 from __future__ import annotations
 
@@ -87,39 +87,3 @@ def merge(
             "%d runs are missing in all files; run their part, then merge again", merged.missing
         )
     return RUN_FAILED if merged.missing else DONE
-
-
-@command("overrides", "dry_run")
-def forget(
-    call: Call,
-    file: ResultFile,
-    case: Annotated[
-        str | None,
-        typer.Option(
-            "--case",
-            metavar="CASE",
-            help="Only runs of this method, by its case in `fvi show` or how that begins, as bdf2.",
-        ),
-    ] = None,
-    others: Annotated[
-        bool,
-        typer.Option("--others", help="Runs that the file's configuration does not ask for."),
-    ] = False,
-    everything: Annotated[bool, typer.Option("--all", help="Every run; removes the file.")] = False,
-) -> int:
-    """Remove runs from a result file: those of other values (--set), of a method, or all."""
-    from fvi_cli.render.runs import entries_as_text
-    from fvi_cli.runner.forget import forget_runs
-
-    found = forget_runs(
-        file,
-        overrides=call.overrides or (),
-        case=case,
-        others=others,
-        everything=everything,
-        is_tried=call.dry_run,
-    )
-    print(entries_as_text(found))
-    ending = "would be forgotten" if call.dry_run else "forgotten"
-    print(f"{file}: {len(found)} run{'s' if len(found) > 1 else ''} {ending}")
-    return DONE

@@ -53,8 +53,8 @@ def configuration_reference() -> str:
     lines = [
         "# Configuration, key by key",
         "",
-        "Made by `python docs/site/reference.py` from what checks configurations; for editors there",
-        "is the same as [JSON schema](../how-to/editors.md). `a.b` is the key `b` of the mapping",
+        "Made by `python docs/site/reference.py` from what checks configurations; for editors",
+        "there is the same as [JSON schema](../how-to/editors.md). `a.b` is the key `b` of the mapping",
         "under `a`, `a[].b` that of every entry of the list under `a`. A key that is required is",
         "so wherever the mapping that it belongs to is given in that form.",
         "",

@@ -7,7 +7,6 @@ import shutil
 import statistics
 import sys
 import textwrap
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
@@ -23,7 +22,7 @@ from fvi_cli.reports.table import About, Column, grid_of
 from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
-from fvi_cli.storage import Entry, StoredFile
+from fvi_cli.storage import StoredFile
 from fvi_cli.storage.records.fields import summary_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words
@@ -241,9 +240,3 @@ def titles_as_text(titles: Mapping[str, str]) -> str:
         )
         for name, title in titles.items()
     )
-
-
-def entries_as_text(entries: Sequence[Entry]) -> str:
-    """One line for every group of a result file, with the number of runs in it."""
-    counts = Counter(entry.path for entry in entries)
-    return columns_of_words([("group", "runs"), *((group, str(n)) for group, n in counts.items())])

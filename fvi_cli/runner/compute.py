@@ -49,6 +49,7 @@ def run(
     allow_unstable: bool = False,
     keep: bool = True,
     shard: str = "1/1",
+    prune: bool = False,
     progress: bool = False,
     keeps_motions: bool = True,
 ) -> list[Outcome]:
@@ -64,7 +65,7 @@ def run(
         Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
         Address of a Dask scheduler whose workers compute in place of processes here.
-    fresh, allow_unstable, shard
+    fresh, allow_unstable, shard, prune
         As the options of the command line.
     keep
         Store the computed runs in `output`.
@@ -116,6 +117,7 @@ def run(
                 done[run] = kept(finished)
                 _report(finished, shown)
 
+        prunes = False
         try:
             if request.stored is None:
                 _log_waiting(request.name, len(done), waiting)
@@ -128,11 +130,14 @@ def run(
                     store=store,
                     is_kept=is_kept,
                 )
+                prunes = prune
         finally:
             if is_kept:
                 # also after Ctrl-C: the next command finds the finished runs
                 # a part may have no runs; its file is written all the same, for `fvi merge`
-                store.consolidate(request.loaded, even_empty=settings.shard.count > 1)
+                store.consolidate(
+                    request.loaded, even_empty=settings.shard.count > 1, prunes=prunes
+                )
         outcomes = [
             _outcome(experiment, [done[run] for run in runs if run in done])
             for experiment, runs in listed.items()

@@ -17,12 +17,10 @@ from fvi_cli.storage.contents import (
 )
 from fvi_cli.storage.files import PARTS_SUFFIX, escape_text
 from fvi_cli.storage.groups.listing import StoredRun
-from fvi_cli.storage.records.record import Entry
 from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
     "PARTS_SUFFIX",
-    "Entry",
     "Store",
     "StoredConfiguration",
     "StoredFile",

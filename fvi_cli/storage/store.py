@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -241,18 +241,29 @@ class Store:
                 self._learn([entry])
 
     def consolidate(
-        self, configuration: Configuration | StoredConfiguration, *, even_empty: bool = False
+        self,
+        configuration: Configuration | StoredConfiguration,
+        *,
+        even_empty: bool = False,
+        prunes: bool = False,
     ) -> Path | None:
         """Write all finished runs to one file, then remove the journal; the last call on a store.
 
-        Runs that were not requested this time are kept; runs with other values get groups of their
-        own. A run that was computed again replaces the earlier one.
+        Runs that were not requested this time are kept, in groups of their own where they have other
+        values, unless the store `prunes` them. A run that was computed again replaces the earlier one.
 
         Returns
         -------
         Path or None
             The file; None when there is no finished run, unless it is written `even_empty`.
         """
+        if prunes:
+            requested = {identity for own in self._requested.values() for identity in own}
+            self._entries = {
+                identity: one
+                for identity, one in self._entries.items()
+                if identity in requested or one.is_reference
+            }
         if not self.entries() and not even_empty:
             return None
         # no requested run is finished: the file keeps the configuration that it has
@@ -269,9 +280,8 @@ class Store:
             )
             if others:
                 _logger.info(
-                    "%s: also holds %d runs of other configurations, whose tables and figures have "
-                    "the same names (another name: keeps both); `fvi show` lists the runs, "
-                    "`fvi forget` removes them",
+                    "%s: also holds %d runs with other settings; `fvi show` lists them, "
+                    "`fvi run --prune` drops them",
                     self.path,
                     others,
                 )
@@ -283,23 +293,6 @@ class Store:
         """The root attributes of the configuration, as the file has them."""
         root = {} if self._file is None else self._file.root
         return {name: root[name] for name in CONFIGURATION}
-
-    def forget(self, entries: Collection[Entry]) -> None:
-        """Remove runs; the file then holds the other runs, also those of the journal."""
-        unwanted = {entry.identity for entry in entries}
-        remaining = [one for one in self._entries.values() if one.identity not in unwanted]
-        own: dict[str, dict[str, int]] = {}
-        for number, one in enumerate(remaining):
-            if one.is_of_configuration:
-                own.setdefault(one.kind.path, {})[one.identity] = number
-        self._entries = {one.identity: one for one in remaining}
-        if self.entries():
-            self._write(layout_of(self._entries, own, {}), self._root_attributes())
-        elif self.path.exists():
-            self.close()
-            with explain_os_error(self.path):
-                self.path.unlink()
-        self._clear()
 
     def _is_current(
         self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]

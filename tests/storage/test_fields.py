@@ -128,12 +128,11 @@ def test_matrices_are_stored_once_whatever_the_number_of_runs(tmp_path):
     for one, other in zip(first.finished, again.finished, strict=True):
         assert np.array_equal(one.trajectory.position, other.trajectory.position)
     # what is nowhere named any more goes with its runs
-    (few,) = api.run(
-        parse_config(text, "large.yaml", overrides=["problem.stiffness=1.0"]), output=tmp_path
-    )
+    other = parse_config(text, "large.yaml", overrides=["problem.stiffness=1.0"])
+    (few,) = api.run(other, output=tmp_path)
     with h5py.File(path) as file:
         before = {name for name in file["@inputs"] if len(name) == 64}
     assert few.finished
-    api.forget(path, others=True)
+    api.run(other, output=tmp_path, prune=True)
     with h5py.File(path) as file:
         assert {name for name in file["@inputs"] if len(name) == 64} < before

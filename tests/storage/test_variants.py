@@ -7,7 +7,6 @@ import h5py
 import pytest
 from command_line import fvi
 
-import fvi_cli as api
 from fvi_cli.runner import compute
 from fvi_cli.storage import list_runs
 
@@ -43,8 +42,20 @@ def test_what_is_asked_for_lies_where_the_contract_says():
         assert '"stiffness":2.0' in group.attrs["specification"]
         assert '"stiffness":1.0' in beside.attrs["specification"]
         assert group["position"][()].tolist() != beside["position"][()].tolist()
-    # the same as the command, of which tests/sessions/variants.txt tells
-    assert api.forget(FILE, overrides=["problem.stiffness=1"]) == 4
+    assert len(list_runs(Path(FILE)).runs) == 8
+    run(*STIFF, "--prune")
+    assert len(list_runs(Path(FILE)).runs) == 4
+    assert not any(one.variant for one in list_runs(Path(FILE)).runs)
+
+
+def test_an_interrupted_command_drops_nothing(monkeypatch):
+    run()
+
+    def interrupted(job, references):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(compute, "execute_job", interrupted)
+    run(*STIFF, "--prune", code=130)
     assert len(list_runs(Path(FILE)).runs) == 4
 
 
