@@ -84,13 +84,11 @@ def chain(
 
 def ground_force(acceleration: Forcing | str, masses: Array) -> Forcing:
     r"""The force :math:`-m_i a(t)` on every storey, in coordinates that move with the ground."""
-    acceleration = given_force(acceleration, "ground_acceleration")
-    if acceleration.dimension != 1:
-        raise ArgumentError(
-            "ground_acceleration", f"{acceleration.dimension} components, but the ground has one"
-        )
+    force = given_force(acceleration, "ground_acceleration")
+    if force is None or force.dimension != 1:
+        raise ArgumentError("ground_acceleration", "the ground has one component")
     pieces = []
-    for piece in acceleration.pieces:
+    for piece in force.pieces:
         (component,) = piece.components
         by_mass = {m: _times(component, -m) for m in {float(m) for m in masses}}
         pieces.append(

@@ -21,6 +21,7 @@ from fvi_cli.keys.containers import ByForm, ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.scalars import FormulaText, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.records.csv_samples import (
     NO_TEXT,
@@ -31,19 +32,14 @@ from fvi_cli.scenes.records.csv_samples import (
     unit_of_at2,
 )
 from fvi_cli.scenes.records.data_files import (
-    CONTENT_SHA256,
-    LARGEST_TEXT,
-    SHA256,
-    Digest,
     end_of_samples,
     file_under,
-    filled_in,
     no_such_file,
     read_once,
     sampled_component,
-    samples_as_text,
-    samples_from_text,
+    with_digest,
 )
+from fvi_cli.scenes.records.inputs import DIGEST, Digest, is_kept
 
 _logger = logging.getLogger(__name__)
 T = TypeVar("T")
@@ -58,23 +54,20 @@ _COLUMN: Final = Text(what="the name of a column")
 
 
 def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
-    """The keys of samples with ``sha256`` and ``content`` filled in from the file."""
+    """The keys of samples with the digest of times and values in the file."""
+    if is_kept(values.get("digest")):
+        return values
     file, name = file_under(values["file"], at)
     is_at2 = file.suffix.lower() == SUFFIX
     columns = () if is_at2 else (values["time"], values.get("column", ""))
 
-    def read() -> tuple[str, str, str]:
+    def read() -> Array:
         found = read_at2_samples(file, name) if is_at2 else read_csv_samples(file, name, *columns)
-        text = samples_as_text(found.time, found.values)
-        return found.sha256, text, f"its {found.time.size} samples"
+        return np.column_stack([found.time, found.values])
 
-    def is_equal(one: str, other: str) -> bool:
-        pairs = zip(samples_from_text(one), samples_from_text(other), strict=True)
-        return all(np.array_equal(*pair) for pair in pairs)
-
-    if "content" not in values and file.suffix.lower() in SPREADSHEETS:
+    if file.suffix.lower() in SPREADSHEETS:
         return at.refuse(f"{name}: {NO_TEXT}", "file")
-    if "content" not in values and is_at2 == ("column" in values):
+    if is_at2 == ("column" in values):
         if not is_at2 and not file.exists():
             return at.refuse(no_such_file(file, name), "file")
         wrong = (
@@ -82,13 +75,8 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             "in .at2)"
         )
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
-    key = ("samples", file, *columns)
-    found = filled_in(
-        values, at, key, read, parse=samples_from_text, is_equal=is_equal, largest=LARGEST_TEXT
-    )
-    if is_at2 and "content" not in values and found is not INVALID:
-        return _with_unit(found, at, file, name)
-    return found
+    found = with_digest(values, at, ("samples", file, *columns), read)
+    return _with_unit(found, at, file, name) if is_at2 and found is not INVALID else found
 
 
 def _with_unit(values: Any, at: Cursor, file: Path, name: str) -> Any:
@@ -166,14 +154,10 @@ class Samples(
         "zero: the force is zero after the last sample, where that comes before final_time.",
         default="refuse",
     )
-    sha256: Digest = SHA256
-    content: Annotated[str | None, Text(what="samples as fvi writes them")] = key(
-        "Times and values in short; filled in, and used in place of the file.", default=None
-    )
-    content_sha256: Digest = CONTENT_SHA256
+    digest: Digest = DIGEST
 
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The keys with ``sha256`` and ``content`` filled in from the file."""
+        """The keys with the digest of times and values in the file."""
         return _read_file(values, at)
 
 

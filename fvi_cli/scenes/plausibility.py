@@ -18,7 +18,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import STANDARD_GRAVITY
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.records.data_files import samples_from_text
+from fvi_cli.scenes.records.inputs import numbers_of
 from fvi_cli.scenes.structures.rayleigh import natural_frequencies
 
 BUILDINGS: Final = ("frame", "structure")
@@ -77,9 +77,9 @@ def _is_at_rest(scene: Scene) -> bool:
 def _peak(specified: Mapping[str, Any]) -> tuple[float, float] | None:
     """Largest acceleration of a record of the ground, and its scale; None without a record."""
     given = specified.get("ground_acceleration")
-    if not isinstance(given, Mapping) or "content" not in given:
+    if not isinstance(given, Mapping) or "digest" not in given:
         return None
-    _, values = samples_from_text(str(given["content"]))
+    values = numbers_of(given)[:, 1]
     scale = float(given.get("scale", 1.0))
     return float(np.abs(scale * values).max()), scale
 

@@ -16,6 +16,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.scenes.records.inputs import (
+    digest_of,
+    inputs_in,
+    is_file,
+    is_kept,
+    keep_numbers,
+    numbers_of,
+    without_places,
+)
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import with_values, without_values
 
@@ -93,14 +102,23 @@ def problem_template_of(run: Run) -> tuple[Mapping[str, Any], Inputs]:
 
 
 def problem_of(run: Run) -> Mapping[str, Any]:
-    """The problem of a run, with digests in place of its long lists."""
+    """The problem of a run, with digests in place of its long lists and of places of files."""
     template, keys = _template_of(run)
     changed = _changed(keys)
-    found = _stowed_template(template, changed)[0]
+    found = _placeless_template(template, changed)
     if run.member is None:
         return found
     own = with_values(found, run.member.values)
-    return own | {name: extract_inputs(own[name]) for name in changed if name in own}
+    return own | {
+        name: without_places(extract_inputs(own[name])) for name in changed if name in own
+    }
+
+
+@functools.lru_cache(maxsize=64)
+def _placeless_template(template: str, changed: frozenset[str]) -> Mapping[str, Any]:
+    """A problem with its lists extracted and without places of files, but where members differ."""
+    found = _stowed_template(template, changed)[0]
+    return {key: one if key in changed else without_places(one) for key, one in found.items()}
 
 
 def _template_of(run: Run) -> tuple[str, tuple[str, ...]]:
@@ -124,14 +142,19 @@ def _changed(keys: tuple[str, ...]) -> frozenset[str]:
 @functools.lru_cache(maxsize=64)
 def _stowed_template(template: str, changed: frozenset[str]) -> tuple[Mapping[str, Any], Inputs]:
     """A problem with its lists extracted, except where members differ; and the lists."""
-    inputs: Inputs = {}
     values = json.loads(template)
+    inputs = dict(inputs_in(values))
     return {k: v if k in changed else extract_inputs(v, inputs) for k, v in values.items()}, inputs
 
 
 def extract_inputs(value: Any, inputs: Inputs | None = None) -> Any:
-    """JSON values with a digest in place of every long list; the lists are added to `inputs`."""
+    """JSON values with a digest in place of every long list.
+
+    The lists, and the numbers of files, are added to `inputs`.
+    """
     if isinstance(value, Mapping):
+        if inputs is not None and is_file(value):
+            inputs[value["digest"]] = numbers_of(value)
         return {key: extract_inputs(one, inputs) for key, one in value.items()}
     if not isinstance(value, list | tuple):
         return value
@@ -142,13 +165,6 @@ def extract_inputs(value: Any, inputs: Inputs | None = None) -> Any:
     if inputs is not None:
         inputs[digest] = numbers
     return {INPUT: digest}
-
-
-def digest_of(numbers: NDArray[Any]) -> str:
-    """SHA-256 of type, shape and numbers."""
-    digest = hashlib.sha256(f"{numbers.dtype.str}{numbers.shape}".encode())
-    digest.update(np.ascontiguousarray(numbers).data)
-    return digest.hexdigest()
 
 
 def _numbers(value: list[Any] | tuple[Any, ...]) -> NDArray[Any] | None:
@@ -166,6 +182,10 @@ def insert_inputs(value: Any, lookup: Callable[[str], NDArray[Any] | None]) -> A
     """The inverse of :func:`extract_inputs`; KeyError for a list that `lookup` does not know."""
     if isinstance(value, Mapping):
         if value.keys() != {INPUT}:
+            if is_file(value) and not is_kept(value["digest"]):
+                numbers = lookup(value["digest"])
+                if numbers is None or keep_numbers(numbers) != value["digest"]:
+                    raise KeyError(value["digest"])
             return {key: insert_inputs(one, lookup) for key, one in value.items()}
         found = lookup(value[INPUT])
         if found is None:

@@ -43,7 +43,7 @@ IDENTITIES: Final = "identity"
 NUMBERS: Final = ("group", "row", "is_unstable")
 """Datasets of the index with one number per run."""
 
-_NAMED: Final = re.compile(rf'"{INPUT}": ?"([0-9a-f]{{64}})"')
+_NAMED: Final = re.compile(rf'"(?:{INPUT}|digest)": ?"([0-9a-f]{{64}})"')
 
 
 class ResultFile:
@@ -218,11 +218,11 @@ def write_file(
 
 
 def _named_in(values: Iterable[Any]) -> set[str]:
-    """Digests of the long lists of numbers that attributes name."""
+    """Digests of the long lists of numbers, and of numbers of files, that attributes name."""
     known: set[str] = set()
     for value in values:
         text = value if isinstance(value, str) else json.dumps(value)
-        if INPUT in text:
+        if INPUT in text or '"digest"' in text:
             known.update(_NAMED.findall(text))
     return known
 

@@ -127,7 +127,7 @@ def values_in_words(values: Mapping[str, Any]) -> str:
 def value_in_words(value: object) -> str:
     """A swept value as text; lists and mappings as in YAML."""
     if isinstance(value, Mapping):
-        inner = (f"{key}: {value_in_words(one)}" for key, one in value.items() if key != "content")
+        inner = (f"{key}: {value_in_words(one)}" for key, one in value.items() if key != "digest")
         return "{" + ", ".join(inner) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(map(value_in_words, value)) + "]"

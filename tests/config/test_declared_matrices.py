@@ -61,7 +61,7 @@ def changes(parts):
 def test_no_index_of_a_sparse_file_lies_outside(tmp_path, kind):
     path, parts = tmp_path / "K.npz", parts_of(kind)
     np.savez(path, **parts)
-    assert np.array_equal(read_matrix(path, "K").form.toarray(), FULL)
+    assert np.array_equal(read_matrix(path, "K").toarray(), FULL)
     for changed in changes(parts):
         np.savez(path, **changed)
         with pytest.raises(DataFileError, match=r"^K: "):
@@ -142,9 +142,9 @@ def test_the_large_ones_of_every_kind_stay_readable(tmp_path):
     )
     for compressed in (True, False):
         savemat(tmp_path / "K.mat", {"K": csc_array(matrix)}, do_compression=compressed)
-        form = read_matrix(tmp_path / "K.mat", "K").form
+        form = read_matrix(tmp_path / "K.mat", "K")
         assert abs(form - csr_array(matrix)).max() == 0
     savemat(tmp_path / "K.mat", {"K": csc_array(FULL), "L": FULL}, format="4")
     for variable in "KL":
-        form = read_matrix(tmp_path / "K.mat", "K", variable).form
+        form = read_matrix(tmp_path / "K.mat", "K", variable)
         assert np.array_equal(form.toarray() if variable == "K" else form, FULL)

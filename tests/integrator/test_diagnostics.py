@@ -17,7 +17,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run import scenes_run
-from fvi_cli.scenes.records.data_files import samples_as_text
+from fvi_cli.scenes.records.inputs import keep_numbers
 from fvi_cli.scenes.registry import build_problem
 
 GAUSS2 = Method(cq="gauss", degree=2, start="none")
@@ -165,7 +165,7 @@ def test_energy_defect_falls_with_the_order_of_the_method(name, scene, method, s
 def test_a_graded_start_takes_the_forcing_as_the_scheme_does():
     """A force with kinks inside of the steps costs accuracy, but not the balance."""
     knots = np.arange(57.0)
-    samples = samples_as_text(knots / 7, (-1) ** knots * (knots % 5))
+    samples = np.column_stack([knots / 7, (-1) ** knots * (knots % 5)])
     scene = scene_of(
         kind="frame",
         storeys=2,
@@ -176,7 +176,7 @@ def test_a_graded_start_takes_the_forcing_as_the_scheme_does():
             "column": "a",
             "time": "time",
             "interpolation": "linear",
-            "content": samples,
+            "digest": keep_numbers(samples),
         },
         initial={"position": [0.1, 0.0], "velocity": 0.0},
         final_time=8.0,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +11,10 @@ import yaml
 from fvi_cli.config.load import LoadedConfig
 from fvi_cli.config.text.document import LARGEST_DOCUMENT
 from fvi_cli.errors import RequestError
+from fvi_cli.scenes.records.inputs import is_file
 from fvi_cli.studies.members import with_values
 
-LEFT_OUT = ("designs", "sweep", "claims", "expect", "exact")
+LEFT_OUT = ("designs", "sweep", "claims", "expect", "figures")
 
 
 def fitted_text(
@@ -37,10 +36,7 @@ def fitted_text(
         made.append({**kept, "name": label, "problem": problem})
     whole = made[0] if len(made) == 1 else {"name": name, "experiments": made}
     head = f"# {resolved['name']} with the numbers that were fitted to measurements\n"
-    text = head + _as_yaml(_with_files(whole, _add_digest))
-    if len(text) > LARGEST_DOCUMENT:
-        # files are referred to, not copied; reading checks their sha256
-        text = head + _as_yaml(_with_files(whole, partial(_refer, folder=loaded.path.parent)))
+    text = head + _as_yaml(_referring(whole, loaded.path.parent))
     if len(text) > LARGEST_DOCUMENT:
         raise RequestError(
             f"{name}: the configuration with the fitted numbers takes {len(text)} characters, and "
@@ -55,28 +51,16 @@ def _as_yaml(whole: Mapping[str, Any]) -> str:
     return text
 
 
-def _with_files(node: Any, change: Callable[[dict[str, Any]], None]) -> Any:
-    """The values after `change` of every mapping that holds the content of a file."""
+def _referring(node: Any, folder: Path) -> Any:
+    """The values with absolute paths of files; their digests tell whether these have changed."""
     if isinstance(node, list | tuple):
-        return [_with_files(one, change) for one in node]
+        return [_referring(one, folder) for one in node]
     if not isinstance(node, Mapping):
         return node
-    kept = {key: _with_files(value, change) for key, value in node.items()}
-    if {"file", "content"} <= set(node):
-        change(kept)
-    return kept
-
-
-def _add_digest(found: dict[str, Any]) -> None:
-    found["content_sha256"] = hashlib.sha256(str(found["content"]).encode()).hexdigest()
-
-
-def _refer(found: dict[str, Any], folder: Path) -> None:
-    """Replace the content of a file by its absolute path."""
-    file = (folder / str(found["file"])).resolve()
-    if "sha256" in found and file.is_file():
-        del found["content"]
-        found["file"] = file.as_posix()
+    found = {key: _referring(value, folder) for key, value in node.items()}
+    if is_file(node):
+        found["file"] = (folder / str(node["file"])).resolve().as_posix()
+    return found
 
 
 def _as_name(words: str) -> str:

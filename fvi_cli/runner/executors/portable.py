@@ -13,6 +13,7 @@ import fvi_cli
 from fvi_cli.errors import ExecutorError
 from fvi_cli.runner.executors.executor import compute_soundly
 from fvi_cli.runner.executors.jobs import ComputeJob, Crash, Job, References, Results
+from fvi_cli.scenes.records.inputs import inputs_in, keep_numbers
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.digests import SOLVER_VERSION
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -44,13 +45,13 @@ def portable_job(job: Job, references: References) -> PortableJob:
 @functools.lru_cache(maxsize=8)
 def _described(experiment: Experiment) -> bytes:
     """An experiment without problem and members; the same text for all of its jobs."""
-    return pickle.dumps(
-        {
-            name: dict(value) if isinstance(value, Mapping) else value
-            for name, value in _fields_of(experiment).items()
-            if name not in ("problem", "members")
-        }
-    )
+    kept = {
+        name: dict(value) if isinstance(value, Mapping) else value
+        for name, value in _fields_of(experiment).items()
+        if name not in ("problem", "members")
+    }
+    given = [experiment.problem_specification, *(one.values for one in experiment.members)]
+    return pickle.dumps((kept, dict(inputs_in(given))))
 
 
 def _fields_of(value: Any) -> dict[str, Any]:
@@ -60,7 +61,9 @@ def _fields_of(value: Any) -> dict[str, Any]:
 @functools.lru_cache(maxsize=8)
 def _revived(described: bytes) -> Experiment:
     """The inverse of :func:`_described`; builds the problem."""
-    values = pickle.loads(described)  # noqa: S301 - made by the parent process
+    values, inputs = pickle.loads(described)  # noqa: S301 - made by the parent process
+    for numbers in inputs.values():
+        keep_numbers(numbers)
     return Experiment(problem=build_problem(values["problem_specification"]), **values)
 
 

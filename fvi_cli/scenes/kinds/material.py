@@ -31,7 +31,7 @@ from fvi_cli.scenes.kinds.damping_keys import (
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.records.data_files import samples_from_text
+from fvi_cli.scenes.records.inputs import numbers_of
 
 FEWEST_SAMPLES: Final = 8
 COORDINATE: Final = "u"
@@ -82,8 +82,8 @@ class Material(
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
         """The keys, with the time of the last sample as default of ``final_time``."""
         given = values.get("displacement")
-        if isinstance(given, Mapping) and "content" in given:
-            time, _ = samples_from_text(str(given["content"]))
+        if isinstance(given, Mapping) and "digest" in given:
+            time = numbers_of(given)[:, 0]
             if time.size < FEWEST_SAMPLES:
                 at.refuse(
                     f"{time.size} samples of a displacement; at least {FEWEST_SAMPLES} are needed",

@@ -4,20 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Final
 
-from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Text
 from fvi_cli.keys.settings import Setting, key, record_of
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.records.csv_samples import read_csv_columns
-from fvi_cli.scenes.records.data_files import (
-    CONTENT_SHA256,
-    LARGEST_TEXT,
-    SHA256,
-    DataFileError,
-    Digest,
-    file_under,
-    filled_in,
-)
+from fvi_cli.scenes.records.data_files import DataFileError, file_under, with_digest
+from fvi_cli.scenes.records.inputs import DIGEST, Digest, is_kept, numbers_of
 
 
 class ColumnOfFile(
@@ -30,50 +23,29 @@ class ColumnOfFile(
         "configuration."
     )
     column: Annotated[str, Text(what="the name of a column")] = key("Column of the numbers.")
-    sha256: Digest = SHA256
-    content: Annotated[str | None, Text(what="numbers between blanks")] = key(
-        "The numbers between blanks; filled in, and used in place of the file.", default=None
-    )
-    content_sha256: Digest = CONTENT_SHA256
+    digest: Digest = DIGEST
 
     def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The keys with ``sha256`` and ``content`` filled in from the file."""
+        """The keys with the digest of the numbers in the file."""
+        if is_kept(values.get("digest")):
+            return values
         file, name = file_under(values["file"], at)
         column = values["column"]
 
-        def read() -> tuple[str, str, str]:
+        def read() -> Array:
             found = read_csv_columns(file, name, (column,))
             for value, line in zip(found.table[:, 0].tolist(), found.lines, strict=True):
                 if not value > 0:
                     raise DataFileError(
                         f"{name}:{line}: {column} = {value:g}; write a number greater than 0"
                     )
-            text = " ".join(map(repr, found.table[:, 0].tolist()))
-            return found.sha256, text, f"its {len(found.lines)} numbers"
+            return found.table[:, 0].copy()
 
-        return filled_in(
-            values,
-            at,
-            ("column", file, column),
-            read,
-            parse=numbers_in,
-            is_equal=lambda one, other: numbers_in(one) == numbers_in(other),
-            largest=LARGEST_TEXT,
-        )
+        return with_digest(values, at, ("column", file, column), read)
 
     def value(self) -> tuple[float, ...]:
         """The numbers."""
-        if self.content is None:
-            raise ArgumentError("content", f"missing; what {self.file} holds is needed as well")
-        return numbers_in(self.content)
+        return tuple(numbers_of({"file": self.file, "digest": self.digest}).tolist())
 
 
 COLUMN_FILE: Final = record_of(ColumnOfFile)
-
-
-def numbers_in(text: str) -> tuple[float, ...]:
-    """The numbers in the text of a column."""
-    try:
-        return tuple(map(float, text.split()))
-    except ValueError as error:
-        raise ValueError(f"not numbers between blanks: {error}") from None

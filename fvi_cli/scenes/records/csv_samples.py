@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import hashlib
 import io
 import math
 import re
@@ -38,7 +37,6 @@ class CsvColumns:
     """Columns of numbers."""
 
     table: NDArray[np.float64]  # numbers in the order of the file, shape ``(n, columns)``
-    sha256: str  # digest of the bytes of the file
     lines: tuple[int, ...] = ()  # the line of every row, counted from 1
 
 
@@ -48,7 +46,6 @@ class CsvSamples:
 
     time: NDArray[np.float64]  # times in the order of the file, shape ``(n,)``
     values: NDArray[np.float64]
-    sha256: str  # of the bytes of the file
     lines: tuple[int, ...] = ()  # the line of every sample, counted from 1
 
 
@@ -56,7 +53,7 @@ def read_csv_samples(path: Path, name: str, time_column: str, column: str) -> Cs
     """Read a column and its times as :func:`read_csv_columns`; times must increase."""
     found = read_csv_columns(path, name, (time_column, column), increasing=time_column)
     time, values = found.table.T
-    return CsvSamples(time=time, values=values, sha256=found.sha256, lines=found.lines)
+    return CsvSamples(time=time, values=values, lines=found.lines)
 
 
 def read_csv_columns(
@@ -125,9 +122,7 @@ def read_csv_columns(
         mistakes.append(f"{name}: and {count - MOST_MISTAKES} more mistakes")
     if mistakes:
         raise DataFileError(*mistakes)
-    return CsvColumns(
-        table=np.array(found), sha256=hashlib.sha256(content).hexdigest(), lines=tuple(lines)
-    )
+    return CsvColumns(table=np.array(found), lines=tuple(lines))
 
 
 def _rows(text: str, name: str) -> Iterator[tuple[int, list[str]]]:
@@ -236,6 +231,4 @@ def read_at2_samples(path: Path, name: str) -> CsvSamples:
     time = np.round(step * np.arange(count), digits)
     if not np.all(np.diff(time) > 0):
         raise DataFileError(f"{name}:{HEADER_LINES}: DT = {step:g} is too short")
-    return CsvSamples(
-        time=time, values=np.array(values), sha256=hashlib.sha256(content).hexdigest()
-    )
+    return CsvSamples(time=time, values=np.array(values))

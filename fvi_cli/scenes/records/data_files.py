@@ -1,36 +1,24 @@
-"""Files that are read together with a configuration, and their contents as text."""
+"""Files that are read together with a configuration, and forces by their samples."""
 
 from __future__ import annotations
 
-import base64
-import contextlib
-import functools
-import hashlib
 import math
-import zlib
 from collections.abc import Callable, Hashable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
-import numpy as np
+from numpy.typing import NDArray
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.keys.cursor import INVALID, Cursor
-from fvi_cli.keys.scalars import Text
-from fvi_cli.keys.settings import key
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.scenes.records.inputs import keep_numbers, numbers_of
 
 T = TypeVar("T")
 
 MOST_LINES: Final = 1_000_000
 """Most lines of a text file; the limit on samples is lower."""
-Digest = Annotated[str | None, Text(what="64 hexadecimal digits")]
-SHA256: Final = key(
-    "Of the file; filled in, and checked where it is given and the file is there.", default=None
-)
-CONTENT_SHA256: Final = key("Of the text under content; checked where it is given.", default=None)
 
 
 class DataFileError(Exception):
@@ -102,102 +90,31 @@ def parse_number(word: str) -> float:
     return float(word)
 
 
-def filled_in(
+def with_digest(
     values: Mapping[str, Any],
     at: Cursor,
     key: tuple[Hashable, ...],
-    read: Callable[[], tuple[str, str, str]],
-    *,
-    parse: Callable[[str], object],
-    is_equal: Callable[[str, str], bool],
-    largest: int,
+    read: Callable[[], NDArray[Any]],
 ) -> Any:
-    """The keys with ``sha256`` and ``content`` filled in from the file, or as they are given.
-
-    `read` returns (digest of the file, content as text, words for the content); `parse` raises
-    ValueError for a wrong text; `is_equal` says whether two texts have the same contents. The
-    result has no ``content_sha256``.
-    """
-    name = excerpt(values["file"], 200)
-    if "content" not in values:
-        try:
-            sha256, text, what = read_once(at, key, read)
-        except DataFileError as error:
-            error.report_argument(at)
-            return INVALID
-        if values.get("sha256", sha256).lower() != sha256:
-            return at.refuse(f"{name} has changed: its sha256 is {sha256}", "sha256")
-        if len(text) > largest:
-            size_message = f"{name}: {what} take {len(text)} characters in every result file"
-            return at.refuse(f"{size_message}, more than {largest}; thin them out", "file")
-        return {**values, "sha256": sha256, "content": text}
+    """The keys with the digest of the numbers that `read` returns, once per file and part."""
     try:
-        parse(values["content"])
-    except ValueError as error:
-        return at.refuse(str(error), "content")
-    digest = hashlib.sha256(str(values["content"]).encode()).hexdigest()
-    if str(values.get("content_sha256", digest)).lower() != digest:
-        return at.refuse(
-            f"it has changed: its sha256 is {digest}, not content_sha256; leave both out to read "
-            "the file",
-            "content",
-        )
-    if "sha256" in values and file_under(values["file"], at)[0].is_file():
-        # only the same file, by its digest, can contradict the content
-        with contextlib.suppress(DataFileError):
-            sha256, text, _ = read_once(at, key, read)
-            if sha256 == values["sha256"].lower() and not is_equal(text, values["content"]):
-                return at.refuse(f"not what {name} holds; leave it out to read the file", "content")
-    return {key: value for key, value in values.items() if key != "content_sha256"}
+        digest = read_once(at, key, lambda: keep_numbers(read()))
+    except DataFileError as error:
+        error.report_argument(at)
+        return INVALID
+    if values.get("digest", digest) != digest:
+        name = excerpt(values["file"], 200)
+        return at.refuse(f"{name} has changed; leave digest out to take what it holds", "digest")
+    return {**values, "digest": digest}
 
 
 MOST_SAMPLES: Final = 100_000
-LARGEST_TEXT: Final = 500_000
-"""Most characters of samples as text, which is part of every result file and run identity."""
-_LARGEST_LINE: Final = 52
-
-
-def samples_as_text(time: Array, values: Array) -> str:
-    """Times and values without loss as one word.
-
-    Lines ``t,value`` with the fewest digits from which the numbers are read back, compressed (zlib)
-    and encoded in letters (base64).
-    """
-    lines = "".join(f"{t!r},{v!r}\n" for t, v in zip(time.tolist(), values.tolist(), strict=True))
-    return base64.b64encode(zlib.compress(lines.encode(), 9)).decode()
-
-
-@functools.lru_cache(maxsize=8)
-def samples_from_text(text: str) -> tuple[Array, Array]:
-    """Times and values of a text from `samples_as_text`; the arrays are read-only.
-
-    They are cached, since members of a sweep have the same text.
-    """
-    limit = MOST_SAMPLES * _LARGEST_LINE
-    try:
-        unpacking = zlib.decompressobj()
-        content = unpacking.decompress(base64.b64decode(text, validate=True), limit)
-        if unpacking.unconsumed_tail or content.count(b"\n") > MOST_SAMPLES:
-            raise ValueError(f"more than {MOST_SAMPLES} samples")
-        if not unpacking.eof or unpacking.unused_data:
-            # the checksum of the content is at the end of the compressed data
-            raise ValueError("the text is cut off or continues after its end")
-        rows = [line.split(",") for line in content.decode("ascii").removesuffix("\n").split("\n")]
-        table = np.array([[float(cell) for cell in row] for row in rows])
-    except (zlib.error, ValueError) as error:
-        raise ValueError(f"not samples as text: {excerpt(str(error))}") from None
-    if table.ndim != 2 or table.shape[1] != 2:
-        raise ValueError("not samples as text: two columns are needed")
-    table.setflags(write=False)
-    return table[:, 0], table[:, 1]
 
 
 def sampled_component(specification: Mapping[str, Any], final_time: float) -> SampledForce:
-    """The component that ``{file, column, interpolation, scale, content}`` describes."""
+    """The component that ``{file, column, interpolation, scale, digest}`` describes."""
     name, column = str(specification["file"]), str(specification.get("column", "acceleration"))
-    if "content" not in specification:
-        raise ArgumentError("content", f"missing; what {name} holds is needed as well")
-    time, values = samples_from_text(str(specification["content"]))
+    time, values = numbers_of(specification).T
     slack = 1e-9 * final_time
     ends_early = time[-1] < final_time - slack
     if time[0] > slack or (ends_early and specification.get("beyond") != "zero"):
@@ -221,7 +138,7 @@ def sampled_component(specification: Mapping[str, Any], final_time: float) -> Sa
 
 def end_of_samples(specification: Mapping[str, Any], final_time: float) -> float:
     """Time before T at which samples with ``beyond: zero`` end; infinite otherwise."""
-    if specification.get("beyond") != "zero" or "content" not in specification:
+    if specification.get("beyond") != "zero":
         return math.inf
-    end = float(samples_from_text(str(specification["content"]))[0][-1])
+    end = float(numbers_of(specification)[-1, 0])
     return end if end < final_time * (1.0 - 1e-9) else math.inf

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -39,15 +37,7 @@ _DIGITS: Final = b"0123456789+-.eE \t\r\n"
 _BETWEEN: Final = re.compile(r"[,;\s]+")
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class MatrixFile:
-    """A matrix with the digest of its file."""
-
-    form: Form  # the matrix, sparse where the file holds entries only
-    sha256: str  # digest of the bytes of the file
-
-
-def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFile:
+def read_matrix(path: Path, name: str, variable: str | None = None) -> Form:
     """Read a symmetric matrix.
 
     Matrix Market (``.mtx``; coordinates are sparse), NumPy (``.npy``; ``.npz`` of NumPy or of
@@ -85,7 +75,7 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> MatrixFil
         raise DataFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
     try:
         check_rows(value.shape, sparse=True)
-        return MatrixFile(form=_symmetric(value, name), sha256=hashlib.sha256(content).hexdigest())
+        return _symmetric(value, name)
     except DeclaredError as error:
         raise DataFileError(f"{name}: {error}") from None
     except ValueError as error:

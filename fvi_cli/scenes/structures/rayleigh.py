@@ -116,7 +116,7 @@ def natural_frequencies(mass: Form, stiffness: Form, count: int) -> Array:
     if size <= LARGEST_DENSE or count > size - 2:
         root = np.linalg.cholesky(dense(mass))
         reduced = np.linalg.solve(root, np.linalg.solve(root, dense(stiffness)).T)
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(0.5 * (reduced + reduced.T)), 0.0))
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(0.5 * (reduced + reduced.T)), 0.0)))
     from scipy.sparse.linalg import eigsh
 
     squares = eigsh(
