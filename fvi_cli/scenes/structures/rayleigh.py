@@ -122,4 +122,4 @@ def natural_frequencies(mass: Form, stiffness: Form, count: int) -> Array:
     squares = eigsh(
         as_csc(stiffness), k=count, M=as_csc(mass), sigma=0.0, return_eigenvectors=False
     )
-    return np.sqrt(np.maximum(np.sort(squares), 0.0))
+    return np.asarray(np.sqrt(np.maximum(np.sort(squares), 0.0)))
