@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import importlib
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -16,8 +13,6 @@ from fvi_cli.keys.cursor import Cursor
 from fvi_cli.studies.experiment import Experiment
 
 ROOT: Final = Path("/")
-UNLIMITED: Final = 1 << 60
-"""Limits from here on count as none: version 1 of control groups states 2^63 bytes."""
 
 
 def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, members: int = 1) -> int:
@@ -38,9 +33,9 @@ def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, member
 
 
 def shortage(needed: int, when: str = "") -> str:
-    """A message if this machine lacks so many bytes; empty if it has them or this is unknown."""
+    """A message if this machine lacks so many bytes; empty if it has them."""
     available = machine_bytes()
-    if available is None or needed <= available:
+    if needed <= available:
         return ""
     wanted, left = (f"{size / 1e9:.3g} GB" for size in (needed, available))
     return f"need about {wanted} of memory{when}, this machine has {left}"
@@ -63,66 +58,31 @@ def check_memory(experiment: Experiment, at: Cursor) -> None:
         at.refuse(f"{members} members {words}; {less}", SWEEP)
 
 
-def machine_bytes(root: Path = ROOT) -> int | None:
-    """Bytes that this process can still take: the least of all limits; None where none is known.
+def machine_bytes(root: Path = ROOT) -> int:
+    """Bytes that this process can still take, by the machine and its control groups (version 2)."""
+    # a slow import, needed once a command
+    import psutil
 
-    Limits are the available memory of the machine, the rest of every control group (versions 1 and
-    2) from that of this process up to the outermost (systemd, SLURM and containers nest them), and
-    the address space (``ulimit -v``).
-    """
-    limits = [*_of_machine(root), *_of_groups(root), *_of_address_space(root)]
-    return max(min(limits), 0) if limits else None
-
-
-def _of_machine(root: Path) -> Iterator[int]:
-    found = _entries(root / "proc/meminfo").get("MemAvailable")
-    if found is not None:
-        yield 1024 * found
-        return
-    with contextlib.suppress(AttributeError, OSError, ValueError):
-        yield os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    return max(min([psutil.virtual_memory().available, *_of_groups(root)]), 0)
 
 
 def _of_groups(root: Path) -> Iterator[int]:
     """The remaining bytes of every control group around this process."""
-    mounts = root / "sys/fs/cgroup"
-    lines = _text(root / "proc/self/cgroup").splitlines() or ["0::/"]
-    for line in lines:
-        number, _, rest = line.partition(":")
-        controllers, _, place = rest.partition(":")
-        if number == "0" and not controllers:
-            names, top = ("memory.max", "memory.current", "inactive_file"), mounts
-        elif "memory" in controllers.split(","):
-            names = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-            top = mounts / "memory"
-        else:
-            continue
-        group = top / place.strip("/")
-        # a container may name a group that it cannot see: then the outermost one is its own
-        for folder in dict.fromkeys([group, *group.parents, top]):
-            if folder == top or top in folder.parents:
-                yield from _of_group(folder, *names)
-
-
-def _of_group(folder: Path, limit: str, usage: str, cache: str) -> Iterator[int]:
-    with contextlib.suppress(ValueError):
+    top = root / "sys/fs/cgroup"
+    lines = _text(root / "proc/self/cgroup").splitlines()
+    own = next((line.removeprefix("0::/") for line in lines if line.startswith("0::/")), "")
+    group = top / own
+    # a container may name a group that it cannot see: then the outermost one is its own
+    for folder in (group, *group.parents):
+        limit = _text(folder / "memory.max").strip()
         # the file says "max" where there is no limit
-        most = int(_text(folder / limit))
-        if most < UNLIMITED:
+        if limit.isdecimal():
+            counts = dict(line.split() for line in _text(folder / "memory.stat").splitlines())
             # the kernel frees cached files when memory is needed
-            taken = int(_text(folder / usage) or 0)
-            yield most - taken + _entries(folder / "memory.stat").get(cache, 0)
-
-
-def _of_address_space(root: Path) -> Iterator[int]:
-    try:
-        resource = importlib.import_module("resource")
-    except ImportError:
-        return
-    most, _ = resource.getrlimit(resource.RLIMIT_AS)
-    if most != resource.RLIM_INFINITY:
-        with contextlib.suppress(ValueError, IndexError):
-            yield most - resource.getpagesize() * int(_text(root / "proc/self/statm").split()[0])
+            taken = int(_text(folder / "memory.current") or 0) - int(counts.get("inactive_file", 0))
+            yield int(limit) - taken
+        if folder == top:
+            return
 
 
 def _text(path: Path) -> str:
@@ -130,13 +90,3 @@ def _text(path: Path) -> str:
         return path.read_text(encoding="ascii", errors="replace")
     except OSError:
         return ""
-
-
-def _entries(path: Path) -> dict[str, int]:
-    """The numbers by name in a file with one name and one number per line."""
-    found = {}
-    for line in _text(path).splitlines():
-        name, *rest = line.replace(":", " ").split()
-        if rest and rest[0].isdigit():
-            found[name] = int(rest[0])
-    return found
