@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
@@ -11,7 +9,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines.run import integrate_baseline
 from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.failure import no_unique_solution
-from fvi_cli.integrator.loads.jumps import jump_remarks
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -113,13 +110,11 @@ def integrate(
     if not isinstance(steps, int):
         raise ValueError(f"mesh: {method_name(method)} takes equal steps only")
     try:
-        found = thinned(integrate_baseline(scene, method, steps), every)
+        return thinned(integrate_baseline(scene, method, steps), every)
     except np.linalg.LinAlgError:
         # singular equations, as with negative stiffness
         message = str(no_unique_solution(scene.final_time / steps))
         return start_only(scene, steps, status="failed", message=message)
-    jumps = jump_remarks(scene, np.linspace(0.0, scene.final_time, steps + 1))
-    return replace(found, remarks=(*found.remarks, *jumps)) if jumps else found
 
 
 def start_only(scene: Scene, n_steps: int, *, status: Status, message: str) -> Trajectory:

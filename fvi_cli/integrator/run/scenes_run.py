@@ -12,7 +12,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.balance import diagnose_run
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.loads.jumps import jump_remarks
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.momenta import smooth_momenta
@@ -97,9 +96,6 @@ def trajectory_of(
     found = None
     if steps is not None and not diagnostics.is_empty and steps.n_steps:
         found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
-    if failure is None and scene.forcing is not None and scene.forcing.has_functions:
-        # all points of a mesh take memory
-        remarks += jump_remarks(scene, time if this.mesh is None else this.mesh.times)
     if n_steps is None and this.mesh is not None:
         n_steps = this.mesh.n_reported
     elif n_steps is None:
