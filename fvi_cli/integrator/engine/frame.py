@@ -160,17 +160,6 @@ class Frame:
             part.__dict__.pop(name, None)
         return part
 
-    def shortened(self, share: float) -> Frame:
-        """The frame with all forces and displacements multiplied by `share`."""
-        part = copy.copy(self)
-        for name in ("impulses", "mean", "points", "tests", "tests_inside"):
-            part.__dict__.pop(name, None)
-        for name in ("h", "to_loads", "test_sum", "weights", "displacement"):
-            setattr(part, name, share * getattr(self, name))
-        part.stiff = share * share * self.stiff
-        part.damp = [share * one for one in self.damp]
-        return part
-
     @cached_property
     def impulses(self) -> list[Array]:
         """For every direction, from inputs to changes of momentum, ``(q or 1, B, B i)``."""

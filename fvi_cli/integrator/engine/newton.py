@@ -2,9 +2,9 @@ r"""Newton's iteration on a block of steps, for all members at once.
 
 With second derivatives that are fixed, the points of a block are
 ``begin + fold . remainder(points)``. Single steps have second derivatives at every point, which
-are computed again where the iteration is slow; where it diverges, the solution is followed from the
-beginning of the step. Blocks have one linearisation for all points; where their iteration does not
-contract, they are solved in shorter pieces.
+are computed again where the iteration is slow; where it diverges, shorter steps of Newton lead to
+the root, or the step fails. Blocks have one linearisation for all points; where their iteration
+does not contract, they are solved in shorter pieces.
 """
 
 from __future__ import annotations
@@ -14,14 +14,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
-from fvi_cli.integrator.engine.branch import follow
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
-from fvi_cli.mathematics.convergence import ITERATIONS, NEGLIGIBLE, NOISE, SLOW, SMALLEST, UNIT
+from fvi_cli.mathematics.convergence import (
+    ITERATIONS,
+    NEGLIGIBLE,
+    NOISE,
+    SLOW,
+    SMALLEST,
+    UNIT,
+    find_roots,
+)
 
 HALF_THE_DIGITS = UNIT**0.5  # relative changes above this are no round-off
 
@@ -129,7 +136,7 @@ class Newton:
         live, done, failed = state.live, ~state.live, np.zeros(q, dtype=bool)
         everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
         renewed: Places | None = None
-        followed = np.zeros(q, dtype=bool)
+        damped = np.zeros(q, dtype=bool)
         changes: list[Array] = []
         limit = before = size = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
@@ -192,9 +199,9 @@ class Newton:
                 hopeless = stuck & ~self._falls(change, before, size, 0.0)
                 # equations of a block contract the better the longer they are iterated
                 if self.is_step:
-                    for place in np.flatnonzero(hopeless & ~followed).tolist():
-                        hopeless[place] = not self._follow(place, points)
-                        followed[place] = True
+                    for place in np.flatnonzero(hopeless & ~damped).tolist():
+                        hopeless[place] = not self._damp(place, points)
+                        damped[place] = True
                     renewed = np.flatnonzero(stuck & ~hopeless)
                     self._renew(renewed, points)
                 failed |= hopeless
@@ -243,15 +250,31 @@ class Newton:
         total += apply(np.abs(self.fold), rounded.reshape(self.q, -1))
         return UNIT * self._largest(total + np.abs(points))
 
-    def _follow(self, place: int, points: Array) -> bool:
-        """Move a member's points to the solution that is connected with the step's beginning."""
+    def _damp(self, place: int, points: Array) -> bool:
+        """Move a member's points to the root that shorter steps find from uniform motion on.
+
+        The corrections must fall, each by derivatives of its own: a step that only goes downhill
+        may lead over an infinite motion, to a solution behind it.
+        """
         one = np.array([place])
+        law, state, known = self.law.of(one), self.state.of(one), self.known[one]
         damping = None if self.damping is None else self.damping.of(one)
-        frame = self.op.frame.of(one)
-        found = follow(self.law.of(one), damping, frame, self.state.of(one), self.known[one])
-        if found is not None:
-            points[one] = frame.points_of(found[:, None])
-        return found is not None
+        frame, identity = self.op.frame.of(one), np.eye(self.fixed.shape[1])[None]
+
+        def points_of(u: Array) -> Array:
+            return frame.points_of(u.reshape(1, 1, -1, self.e))
+
+        def evaluate(u: Array) -> tuple[Array, Array, Array]:
+            at, rest = law.expand(state.x, points_of(u).reshape(1, self.n, -1), self.times)
+            op = Operator(frame, at, damping, is_linear=False)
+            return u - op.solve(state, known) - op.respond(rest, 1), identity, np.abs(u)
+
+        velocity = law.velocity(state.x, state.p, state.t)
+        guess = frame.tables.control_points[1:, None] * velocity
+        found, is_found, _ = find_roots(evaluate, guess.reshape(1, -1))
+        if is_found[0]:
+            points[one] = points_of(found)
+        return bool(is_found[0])
 
     def _renew(self, places: Places, points: Array) -> None:
         """Compute the second derivatives of some members again, at their present points."""
