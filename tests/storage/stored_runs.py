@@ -58,7 +58,7 @@ def made_up(run: Run, *, dimension: int = 2, **changes: Any) -> FinishedRun:
         "momentum": None if run.method == EULER else random.normal(size=(n, dimension)),
         "energy": None if run.method == EULER else random.normal(size=n),
         "history_operations": 7 * n,
-        "newton": NewtonRecord(iterations=5, largest=3, worst_step=2, worst_residuals=(1.0, 1e-9)),
+        "newton": NewtonRecord(iterations=5, largest=3),
         "setup_seconds": 0.25,
         "stepping_seconds": 0.125,
         "remarks": ("the start fell back: ½ a step", "another"),

@@ -245,6 +245,7 @@ class Engine:
                 change -= along(np.matmul(impulses, inputs), one.matrix)
             if self.n_states:
                 z = frame.damping.kernels.push(state.z, inputs, count)
+        none = np.zeros(q, dtype=np.int64)
         return Steps(
             h=frame.h,
             count=count,
@@ -253,9 +254,11 @@ class Engine:
             unknowns=u,
             inputs=inputs,
             z=z,
-            iterations=np.ones(q, dtype=np.int64) if found is None else found.iterations,
+            iterations=none if found is None else found.iterations,
+            most=none if found is None else found.iterations,
             failed=failed,
-            attempts=() if found is None else (found.attempt,),
+            failed_at=none,
+            change=np.zeros(q) if found is None else found.change,
             rest=None if found is None else found.rest,
         )
 
@@ -284,6 +287,7 @@ class Engine:
         z = state.z
         if damping is not None and frame.damping is not None:
             z = frame.damping.kernels.push(state.z, inputs, count)
+        none = np.zeros(q, dtype=np.int64)
         return Steps(
             h=frame.h,
             count=count,
@@ -292,8 +296,11 @@ class Engine:
             unknowns=unknowns,
             inputs=inputs,
             z=z,
-            iterations=np.ones(q, dtype=np.int64),
+            iterations=none,
+            most=none,
             failed=np.zeros(q, dtype=bool),
+            failed_at=none,
+            change=np.zeros(q),
         )
 
     def _linear_impulse(self, op: Operator, state: State, u: Array) -> Array:

@@ -15,7 +15,6 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import StepLaw
-from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
@@ -35,14 +34,14 @@ HALF_THE_DIGITS = UNIT**0.5  # relative changes above this are no round-off
 
 @dataclass(eq=False, kw_only=True)
 class Solution:
-    """Unknowns ``(q, B s e)``, points and remainders ``(q, B r, w)``, and the log."""
+    """Unknowns ``(q, B s e)``, points and remainders ``(q, B r, w)``, and how they were found."""
 
     unknowns: Array
     points: Array
     rest: Array
     iterations: Integers
     failed: Mask
-    attempt: Attempt
+    change: Array  # largest change in the last iteration of every member, (q,)
 
 
 class Newton:
@@ -137,15 +136,13 @@ class Newton:
         everyone, iterations = bool(live.all()), np.zeros(q, dtype=np.int64)
         renewed: Places | None = None
         damped = np.zeros(q, dtype=bool)
-        changes: list[Array] = []
-        limit = before = size = np.zeros((q, self.width))
+        limit = before = size = change = np.zeros((q, self.width))
         for iteration in range(ITERATIONS):
             if iteration or fresh is None:
                 at, x = self.op.at, state.x
                 fresh = self.law.remainder(at, x, points.reshape(shape), self.times, rest)
             moved = self.begin + apply(self.fold, fresh.reshape(q, -1))
             change = self._largest(moved - points)
-            changes.append(change)
             if everyone:
                 rest, points = fresh, moved
             else:
@@ -163,7 +160,7 @@ class Newton:
                     self._rescale(limit, size, moved, far)
                     has_ended = self._has_ended(change, before, limit)
                 if has_ended:
-                    return self._solution(points, rest, iterations + len(changes), failed, changes)
+                    return self._solution(points, rest, iterations + iteration + 1, failed, change)
                 # blocks may be iterated slowly, as long as large changes fall
                 if has_ended is not None or (
                     not self.is_step and self._falls(change, before, size, HALF_THE_DIGITS).all()
@@ -172,7 +169,7 @@ class Newton:
                     continue
                 # from here on members end one by one
                 everyone = False
-                iterations += len(changes)
+                iterations += iteration + 1
             good = change * change <= limit * before
             slow = ~(change <= SLOW * before)
             ending = np.asarray((good | (slow & (change <= UNIT * size))).all(axis=1))
@@ -211,8 +208,8 @@ class Newton:
                 break
             before = change
         if everyone:
-            iterations += len(changes)
-        return self._solution(points, rest, iterations, failed | (live & ~done), changes)
+            iterations += iteration + 1
+        return self._solution(points, rest, iterations, failed | (live & ~done), change)
 
     def _solution(
         self,
@@ -220,17 +217,15 @@ class Newton:
         rest: Array,
         iterations: Integers,
         failed: Mask,
-        changes: list[Array],
+        change: Array,
     ) -> Solution:
-        # blocks that do not contract are solved again in shorter pieces, which are counted
-        counted = iterations if self.is_step else np.where(failed, 0, iterations)
         return Solution(
             unknowns=self.fixed + self.op.respond(rest, self.count),
             points=points.reshape(self.q, self.n, self.width),
             rest=rest,
             iterations=iterations,
             failed=failed,
-            attempt=Attempt(0, np.arange(self.q), counted, changes),
+            change=change.max(axis=1),
         )
 
     def _floor(self, rest: Array, points: Array) -> Array:

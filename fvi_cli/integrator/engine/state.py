@@ -8,7 +8,6 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.newton_log import Attempt
 from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 
 
@@ -61,10 +60,14 @@ class Steps:
     unknowns: Array  # U, (q, B, s, e), and inputs of the memory, (q, B i, e)
     inputs: Array
     z: Array  # states of the memory after the steps, (q, J, e)
-    iterations: Integers  # of Newton, and which members have no solution, (q,)
+    # of every member, (q,): all iterations of Newton, most of them for one block, whether it has no
+    # solution, the first step without one, and the last change there
+    iterations: Integers
+    most: Integers
     failed: Mask
+    failed_at: Integers
+    change: Array
     rest: Array | None = None  # remainders at the points, (q, B r, w); None for linear scenes
-    attempts: tuple[Attempt, ...] = ()  # logs of the iterations
 
     @property
     def has_failed(self) -> bool:
@@ -80,7 +83,6 @@ class Steps:
         mine, new = self._members(), other._members()
         for name in mine.keys() & new.keys():
             mine[name][places] = new[name]
-        self.attempts += tuple(one.among(places) for one in other.attempts)
 
     def among(self, places: Places, members: int) -> Steps:
         """The results as those of `places` among so many members, zero for others."""
@@ -88,7 +90,6 @@ class Steps:
         for name, one in self._members().items():
             whole = found[name] = np.zeros((members, *one.shape[1:]), one.dtype)
             whole[places] = one
-        found["attempts"] = tuple(one.among(places) for one in self.attempts)
         return replace(self, **found)  # type: ignore[arg-type]
 
     @classmethod
@@ -96,10 +97,13 @@ class Steps:
         """Join the results of successive steps."""
         x, p = np.zeros(()), np.zeros(())
         dx, dp = [], []
-        attempts: list[Attempt] = []
+        failed = np.zeros_like(parts[0].failed)
+        failed_at, change = parts[0].failed_at.copy(), parts[0].change.copy()
         done = 0
         for one in parts:
-            attempts += [own._replace(first=own.first + done) for own in one.attempts]
+            new = one.failed & ~failed
+            failed_at[new], change[new] = done + one.failed_at[new], one.change[new]
+            failed = failed | new
             done += one.count
             dx.append(x + one.dx)
             dp.append(p + one.dp)
@@ -114,9 +118,11 @@ class Steps:
             inputs=np.concatenate([one.inputs for one in parts], axis=1),
             z=parts[-1].z,
             iterations=np.sum([one.iterations for one in parts], axis=0),
-            failed=np.any([one.failed for one in parts], axis=0),
+            most=np.max([one.most for one in parts], axis=0),
+            failed=failed,
+            failed_at=failed_at,
+            change=change,
             rest=np.concatenate(rests, axis=1) if rests else None,
-            attempts=tuple(attempts),
         )
 
 

@@ -180,7 +180,10 @@ def solve_one_by_one(
         inputs=np.matmul(drive, unknowns).reshape(1, -1, e),
         z=z,
         iterations=np.zeros(1, dtype=np.int64),
+        most=np.zeros(1, dtype=np.int64),
         failed=np.zeros(1, dtype=bool),
+        failed_at=np.zeros(1, dtype=np.int64),
+        change=np.zeros(1),
     )
 
 

@@ -51,9 +51,7 @@ class Diagnostics:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class NewtonRecord:
-    """Record of Newton's iteration: numbers of iterations, residual norms of the longest one."""
+    """Numbers of iterations of Newton."""
 
     iterations: int = 0  # total number of iterations
     largest: int = 0  # largest number of iterations in one step
-    worst_step: int = -1  # the step that took that many
-    worst_residuals: tuple[float, ...] = ()  # residual norms of that step, first to last

@@ -118,7 +118,7 @@ def _steps(
                     continue
         end = source.judge(engine, state, steps)
         if end is None:
-            recorder.newton.add(recorder.reached, steps.attempts)
+            recorder.count(steps)
             return
         recorder.note(state, steps)
         inputs = None

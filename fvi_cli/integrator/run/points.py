@@ -162,30 +162,22 @@ def velocities_of(engine: Engine, solved: Sequence[Solved]) -> Array:
 
 def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFailedError]:
     """Which of successive steps has no solution for a member, and why."""
-    attempt, place = next(
-        (one, int(places[0]))
-        for one in reversed(steps.attempts)
-        if (places := np.flatnonzero((one.members == member) & (one.iterations > 0))).size
-    )
-    changes, position = attempt.of_member(place), state.x[member]
-    if attempt.first:
-        position = position + steps.dx[member, attempt.first - 1]
+    first, position = int(steps.failed_at[member]), state.x[member]
+    if first:
+        position = position + steps.dx[member, first - 1]
     near = "[" + ", ".join(f"{value:.4g}" for value in position) + "]"
-    if not np.isfinite(changes[-1]):
+    words = f"Newton's iteration did not converge near q = {near}; take a smaller step"
+    if not np.isfinite(steps.change[member]):
         words = (
             "the force is not finite (no real number, or a division by zero) near "
             f"q = {near}; take a smaller step if the motion itself stays away from there"
         )
-    else:
-        words = (
-            f"Newton's iteration did not converge in {len(changes)} iterations (changes "
-            f"{changes[0]:.1e} .. {changes[-1]:.1e}) near q = {near}; take a smaller step"
-        )
-    return attempt.first, StepFailedError(words)
+    return first, StepFailedError(words)
 
 
 def why_unsolved(steps: Steps, state: State) -> StepFailedError:
     """Why a step of one scene that begins at `state` has no solution."""
-    if not steps.attempts:
+    member = int(np.flatnonzero(steps.failed)[0])
+    if not steps.iterations[member]:
         return no_unique_solution(steps.h)
-    return step_failure(steps, int(np.flatnonzero(steps.failed)[0]), state)[1]
+    return step_failure(steps, member, state)[1]

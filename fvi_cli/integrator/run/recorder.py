@@ -8,9 +8,9 @@ import numpy as np
 
 from fvi_cli.integrator.advance import report_progress
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.newton_log import NewtonLog
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, no_unique_solution
+from fvi_cli.integrator.results.diagnostics import NewtonRecord
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.points import (
     Points,
@@ -67,7 +67,7 @@ class Recorder:
         self.done = self.reported = 0
         self.live = np.ones(len(engine.scenes), dtype=bool)
         self.failures: dict[int, Failure] = {}
-        self.newton = NewtonLog(len(engine.scenes))
+        self._iterations, self._most = np.zeros((2, engine.q), dtype=np.int64)
         self._endings: dict[int, _Ending] = {}
         self._rows: dict[str, list[Array]] = {name: [] for name in ("t", "h", "x", "p", "v")}
         self._is_point: list[np.ndarray] = []
@@ -87,14 +87,14 @@ class Recorder:
     def note(self, state: State, steps: Steps) -> None:
         """Record the iteration of the next steps, and failures; the state is that before them."""
         first = self.reached
-        self.newton.add(first, steps.attempts)
+        self.count(steps)
         if not steps.has_failed:
             return
         for member in np.flatnonzero(steps.failed & state.live).tolist():
             scene = member // self._engine.width
             if not self.live[scene] or scene in self._stops:
                 continue
-            if not steps.attempts:
+            if not steps.iterations[member]:
                 error = no_unique_solution(steps.h)
                 failure = Failure(str(error), error.reason, first, state.t)
                 self._stops[scene] = (self._count, failure)
@@ -102,6 +102,16 @@ class Recorder:
             before, error = step_failure(steps, member, state)
             failure = Failure.in_step(first + before, state.t + before * steps.h, error)
             self._stops[scene] = (self._count + before, failure)
+
+    def count(self, steps: Steps) -> None:
+        """Count the iterations of steps, also of such as are rejected."""
+        self._iterations = self._iterations + steps.iterations
+        self._most = np.maximum(self._most, steps.most)
+
+    def newton(self, scene: int) -> NewtonRecord:
+        """Numbers of iterations of a scene."""
+        first = scene * self._engine.width
+        return NewtonRecord(iterations=int(self._iterations[first]), largest=int(self._most[first]))
 
     def add(self, solved: Solved) -> None:
         """Add the next steps."""
@@ -128,7 +138,6 @@ class Recorder:
 
     def flush(self, state: State) -> None:
         """Keep the added steps; members of scenes that stop here are solved no more."""
-        self.newton.count()
         stops, self._stops = self._stops, {}
         if self._waiting:
             self._take(stops)

@@ -112,7 +112,7 @@ def trajectory_of(
         message=str(failure or ""),
         failure=failure,
         history_operations=memory_operations(this.engine, recorder.steps_done(index)),
-        newton=recorder.newton.of(index),
+        newton=recorder.newton(index),
         setup_seconds=seconds[0],
         stepping_seconds=seconds[1],
         every=every,

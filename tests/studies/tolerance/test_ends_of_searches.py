@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from command_line import fvi as command
+from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from letters import spring
 from oracles.volterra import solve_volterra
 from spread import spread
@@ -14,7 +15,6 @@ from fvi_cli.scenes.data import duffing
 from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 from fvi_cli.studies.tolerance import search
 from fvi_cli.studies.tolerance.differences import perturb_start
-from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 
 
 @spread(few=1, order=[1.1, 1.6, 1.95])
