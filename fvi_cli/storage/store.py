@@ -249,8 +249,9 @@ class Store:
     ) -> Path | None:
         """Write all finished runs to one file, then remove the journal; the last call on a store.
 
-        Runs that were not requested this time are kept, in groups of their own where they have other
-        values, unless the store `prunes` them. A run that was computed again replaces the earlier one.
+        Runs that were not requested this time are kept, in groups of their own where they have
+        other values, or dropped if it `prunes`. A run that was computed again replaces the earlier
+        one.
 
         Returns
         -------
