@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,7 @@ from typer.testing import CliRunner
 import fvi_cli
 from fvi_cli.cli.app import app
 from fvi_cli.integrator.observations import observe
-from fvi_cli.runner import request
+from fvi_cli.runner import progress, request
 from fvi_cli.storage.digests import SOLVER_VERSION
 from fvi_cli.studies.tolerance import runs as tolerance_runs
 
@@ -244,3 +245,12 @@ def test_a_progress_bar_is_drawn_on_a_terminal_only(folder):
     assert "8/8" not in stdout
     # control: no terminal, no bar
     assert "8/8" not in in_a_process("run", "quick.yaml", "--fresh").stderr
+
+
+def test_a_line_says_now_and_then_how_much_is_done(monkeypatch, caplog):
+    monkeypatch.setattr(progress, "SECONDS_BETWEEN_LINES", 0.01)
+    with caplog.at_level("INFO"), progress.progress_bar("many", 8, wanted=True) as done:
+        for _ in range(3):
+            done("one")
+        time.sleep(0.2)
+    assert "many: 3 of 8 done" in caplog.text

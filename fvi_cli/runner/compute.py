@@ -17,13 +17,12 @@ from fvi_cli.runner.executors.jobs import (
     Crash,
     FinishedJob,
     Job,
-    Watch,
     jobs_of,
 )
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
 from fvi_cli.runner.parts.shard import shard_named
 from fvi_cli.runner.plan import check_memory_together
-from fvi_cli.runner.progress import RunBar, run_bar
+from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Source, gather, requested
 from fvi_cli.runner.settings import Settings
 from fvi_cli.runner.stored import (
@@ -186,15 +185,10 @@ def compute_jobs(
     # a single search logs its progress itself
     is_single_search = len(runs) == 1 and runs[0][1].is_search
     with (
-        run_bar(
-            title,
-            len(runs),
-            sum(run.n_steps for _, run in runs),
-            wanted=settings.show_progress and not is_single_search,
-        ) as bar,
-        contextlib.closing(
-            settings.executor(_watch(bar, title)).compute(jobs, compute, references.of)
-        ) as computed,
+        progress_bar(
+            title, len(runs), wanted=settings.show_progress and not is_single_search
+        ) as done,
+        contextlib.closing(settings.executor().compute(jobs, compute, references.of)) as computed,
     ):
         for one in computed:
             if one.job.is_reference:
@@ -203,7 +197,7 @@ def compute_jobs(
             take(one)
             for run, result in zip(one.job.runs, one.results, strict=True):
                 found = result.run if isinstance(result, FinishedRun) else run
-                bar.finished(_named(found.title, title), one.job.runs[0], run.n_steps)
+                done(_named(found.title, title))
             references.forget(one.job)
 
 
@@ -247,27 +241,6 @@ def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome
     is_chosen = experiment.needs_search and not experiment.members and finished
     own = finished[0].run.experiment if is_chosen else experiment
     return Outcome(experiment=own, finished=tuple(finished))
-
-
-def _watch(bar: RunBar, title: str) -> Watch | None:
-    """Report the progress of a job to the bar; steps of a reference do not count as its steps."""
-    within = bar.within
-    if within is None:
-        return None
-
-    def watch(job: Job, done: int, n_steps: int) -> None:
-        first = job.runs[0]
-        # the steps of a search are not known in advance
-        if first.is_search:
-            return
-        name = _named(first.title, title)
-        share = f"{100 * done // n_steps} %"
-        if n_steps == first.n_steps and not job.is_reference:
-            within(f"{name}: {share}", first, done * len(job.runs))
-        else:
-            within(f"{name}: {share} of a reference", first, None)
-
-    return watch
 
 
 def _named(words: str, title: str) -> str:

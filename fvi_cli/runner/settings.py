@@ -9,7 +9,6 @@ from fvi_cli.errors import RequestError
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.runner.executors.cluster import DaskCluster
 from fvi_cli.runner.executors.executor import Executor, InProcess
-from fvi_cli.runner.executors.jobs import Watch
 from fvi_cli.runner.executors.processes import LocalProcesses
 from fvi_cli.runner.parts.shard import WHOLE, Shard
 from fvi_cli.runner.request import Request
@@ -32,7 +31,7 @@ class Settings:
     workers: int = 1  # number of processes of this machine
     dask: str | None = None  # address of a Dask scheduler; its workers replace local processes
     fresh: bool = False  # ignore stored runs
-    show_progress: bool = True  # draw a progress bar where there is a terminal
+    show_progress: bool = True  # show progress
     keep: bool = True  # write results; otherwise no file is written
     # return the points of members of a sweep; a summary does not need them once they are stored
     keeps_motions: bool = True
@@ -48,13 +47,13 @@ class Settings:
                 "tcp://host:8786"
             )
 
-    def executor(self, watch: Watch | None = None) -> Executor:
-        """The executor of runs; on this machine `watch` receives their progress."""
+    def executor(self) -> Executor:
+        """The executor of runs."""
         if self.dask is not None:
             return DaskCluster(address=self.dask)
         if self.workers > 1:
-            return LocalProcesses(workers=self.workers, watch=watch)
-        return InProcess(watch=watch)
+            return LocalProcesses(workers=self.workers)
+        return InProcess()
 
     def runs_of(self, request: Request) -> dict[Experiment, list[Run]]:
         """The runs and searches of this part of a configuration; for a result file all."""

@@ -11,7 +11,6 @@ import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.advance import STRIDE, report_progress
 from fvi_cli.integrator.baselines.past import Past, caputo_offset, solve_implicit
 from fvi_cli.integrator.baselines.results import baseline_operations, baseline_trajectory
 from fvi_cli.integrator.failure import Failure, StepFailedError
@@ -241,8 +240,6 @@ def integrate_by_scheme(scene: Scene, method: Baseline, n_steps: int) -> Traject
     failure: Failure | None = None
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
-            if k % STRIDE == 0:
-                report_progress(k, n_steps)
             try:
                 point = next(scheme)
             except StepFailedError as error:

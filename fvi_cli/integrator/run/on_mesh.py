@@ -110,7 +110,6 @@ def prepare(
         engine,
         every=every,
         with_steps=with_steps,
-        n_reported=None if mesh is None else mesh.n_reported,
     )
     return ScenesRun(engine, source, recorder, mesh, remarks)
 

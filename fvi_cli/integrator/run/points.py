@@ -107,12 +107,6 @@ class Solved(NamedTuple):
         """Number of steps."""
         return int(self.position.shape[1])
 
-    @property
-    def n_reported(self) -> int:
-        """Number of reported points at their ends."""
-        first, every = self.proposal.first, self.proposal.reported_every
-        return (first + self.n_steps) // every - first // every if every else 0
-
 
 def points_of(
     engine: Engine, solved: Sequence[Solved], done: int

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.advance import report_progress
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, no_unique_solution
@@ -40,7 +39,7 @@ class _Ending:
 class Recorder:
     """Reported points of all scenes, thinned, and on request all steps as polynomials.
 
-    Every n-th of `n_reported` points is kept, the first and the last; with steps, all points of the
+    Every n-th reported point is kept, the first and the last; with steps, all points of the
     mesh and the polynomials. Runs stop where numbers cease to be finite.
 
     Attributes
@@ -59,10 +58,8 @@ class Recorder:
         *,
         every: int = 1,
         with_steps: bool = False,
-        n_reported: int | None = None,
     ) -> None:
         self._engine, self._every = engine, every
-        self._n_reported = n_reported
         self.with_steps = with_steps
         self.done = self.reported = 0
         self.live = np.ones(len(engine.scenes), dtype=bool)
@@ -73,7 +70,7 @@ class Recorder:
         self._is_point: list[np.ndarray] = []
         self._last: tuple[float, Array, Array] = (0.0, np.zeros(0), np.zeros(0))
         self._waiting: list[Solved] = []
-        self._count = self._inside_chunk = 0
+        self._count = 0
         self._stops: Stops = {}
 
     # while steps go on
@@ -115,9 +112,6 @@ class Recorder:
 
     def add(self, solved: Solved) -> None:
         """Add the next steps."""
-        if self._n_reported is not None:
-            report_progress(self.reported + self._inside_chunk, self._n_reported)
-            self._inside_chunk += solved.n_reported
         self._waiting.append(solved)
         self._count += solved.n_steps
 
@@ -175,7 +169,7 @@ class Recorder:
         )
         self._last = _last(points, points.times.size)
         self.done, self.reported = self.done + self._count, self.reported + numbers.size
-        self._waiting, self._count, self._inside_chunk = [], 0, 0
+        self._waiting, self._count = [], 0
 
     def _stop_at_infinity(self, points: Points, stops: Stops) -> None:
         """Stop scenes before their first step to numbers that are not finite."""

@@ -6,12 +6,9 @@ import logging
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Generator, Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import ClassVar
 
-from fvi_cli.integrator.advance import on_progress
 from fvi_cli.runner.executors.batches import Pack
 from fvi_cli.runner.executors.jobs import (
     ComputeJob,
@@ -23,7 +20,6 @@ from fvi_cli.runner.executors.jobs import (
     References,
     Result,
     Results,
-    Watch,
     crash,
     no_memory,
 )
@@ -167,7 +163,6 @@ class InProcess(Executor):
     """Computes in this process, one job after the other, in their order."""
 
     is_parallel: ClassVar[bool] = False
-    watch: Watch | None = None  # called with the progress of a job; None: no callback
     given: list[tuple[Job, References]] = field(init=False, default_factory=list)
     latest: Pack | None = field(init=False, default=None)
 
@@ -183,8 +178,7 @@ class InProcess(Executor):
         """As :meth:`Executor.answers`."""
         ((job, references),) = self.given
         try:
-            with on_progress(partial(self.watch, job)) if self.watch else nullcontext():
-                answer: Answer = compute_soundly(job, references, self.compute_job)
+            answer: Answer = compute_soundly(job, references, self.compute_job)
         except MemoryError as error:
             answer = no_memory(error)
         self.given = []

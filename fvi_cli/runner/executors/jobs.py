@@ -71,8 +71,6 @@ References = Sequence[Reference | None]
 """References for the errors of runs; None: the process that computes the run finds it."""
 ComputeJob = Callable[[Job, References], Results]
 """Computes a job; other processes can only call a function that is importable by name."""
-Watch = Callable[[Job, int, int], None]
-"""Called repeatedly with the job that is being computed, its finished steps and all its steps."""
 Lookup = Callable[[Run], Reference | Crash | None]
 """Returns the reference of a run if it is known by now."""
 

@@ -16,10 +16,9 @@ from multiprocessing.connection import Connection, wait
 from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, Any
 
-from fvi_cli.integrator.advance import on_progress
 from fvi_cli.runner.executors.batches import Pack
 from fvi_cli.runner.executors.executor import Answer, Died, Executor
-from fvi_cli.runner.executors.jobs import ComputeJob, Job, References, Watch, no_memory
+from fvi_cli.runner.executors.jobs import ComputeJob, Job, References, no_memory
 from fvi_cli.runner.executors.portable import compute_portable, portable_job, returned_results
 
 if TYPE_CHECKING:
@@ -62,7 +61,6 @@ class LocalProcesses(Executor):
     """
 
     workers: int  # number of processes
-    watch: Watch | None = None  # called with the progress of a job; None: no callback
     busy: dict[Connection, _Worker] = field(init=False, default_factory=dict)
     idle: list[_Worker] = field(init=False, default_factory=list)
 
@@ -86,7 +84,7 @@ class LocalProcesses(Executor):
     def _started(self) -> _Worker:
         context = _context()
         ours, theirs = context.Pipe()
-        process = context.Process(target=_serve, args=(theirs, self.compute_job, bool(self.watch)))
+        process = context.Process(target=_serve, args=(theirs, self.compute_job))
         process.daemon = True
         try:
             with _interruptions_held():
@@ -97,7 +95,7 @@ class LocalProcesses(Executor):
         return _Worker(process=process, connection=ours)
 
     def answers(self) -> Iterator[tuple[Job, Answer]]:
-        """As :meth:`Executor.answers`; processes also report their progress."""
+        """As :meth:`Executor.answers`."""
         for connection in wait(list(self.busy)):
             worker = self.busy[connection]  # type: ignore[index]
             job = worker.job
@@ -109,10 +107,6 @@ class LocalProcesses(Executor):
                 del self.busy[worker.connection]
                 worker.connection.close()
                 yield job, Died(message=worker.exit_reason())
-                continue
-            if kind == "progress":
-                if self.watch is not None:
-                    self.watch(job, *answer)
                 continue
             del self.busy[worker.connection]
             worker.job = None
@@ -166,12 +160,8 @@ def _interruptions_held() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _serve(connection: Connection, compute: ComputeJob, reports_progress: object) -> None:
+def _serve(connection: Connection, compute: ComputeJob) -> None:
     """Compute the jobs that come through the pipe until its other end is closed."""
-
-    def report(done: int, n_steps: int) -> None:
-        connection.send(("progress", (done, n_steps)))
-
     # a Ctrl-C reaches every process of a terminal; only the parent answers it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
@@ -180,10 +170,7 @@ def _serve(connection: Connection, compute: ComputeJob, reports_progress: object
     # the parent has ended: the answer has no receiver
     with contextlib.suppress(EOFError, OSError):
         while True:
-            portable = connection.recv()
-            with on_progress(report) if reports_progress else contextlib.nullcontext():
-                answer = _answer_to(portable, compute)
-            connection.send_bytes(answer)
+            connection.send_bytes(_answer_to(connection.recv(), compute))
 
 
 def _answer_to(portable: Any, compute: ComputeJob) -> bytes:

@@ -8,7 +8,6 @@ from collections.abc import Mapping
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.advance import report_progress
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.failure import Failure, StepFailedError
@@ -56,7 +55,6 @@ class Bouncing:
         self._law = Restitution(scene, surfaces)
         self._end, self._degree = scene.final_time, method.degree
         self._tables = step_tables(method)
-        self._n_steps = n_steps
         self._step, self._shortest = self._end / n_steps, SHORTEST_STEP * self._end
         self._is_rough = is_rough_behind_impacts(scene)
         self._stops = [*scene.break_points, self._end]
@@ -194,7 +192,6 @@ class Bouncing:
         velocity = self._tables.slopes[1:].T @ step.unknowns
         self._last = [*self._last[-1:], (end, step.size, velocity)]
         self._reach, self._time = self._moved(step), end
-        report_progress(int(end / self._end * self._n_steps), self._n_steps)
 
     # what a step meets
 
