@@ -135,7 +135,6 @@ def test_a_new_configuration_may_come_with_its_schema(tmp_path, monkeypatch):
     ("typed", "proposed"),
     [
         ("fvi sta", {"stability"}),
-        ("fvi run --allow", {"--allow-unstable"}),
         ("fvi run damped", {"damped-oscillator", "damped-oscillator-comparison"}),
         ("fvi plot damped-oscillator ken", set()),
         ("fvi cost cost-pend", {"cost-pendulum"}),

@@ -1,11 +1,6 @@
 """``fvi stability`` as it is called."""
 
-import dataclasses
-
 from command_line import fvi, rows_of
-
-from fvi_cli.runner.request import ranges
-from fvi_cli.studies import stability_study
 
 CONFIG = """
 problem:
@@ -28,23 +23,20 @@ def rows(folder):
     return rows_of(folder / "out/tables/quick-stability.csv")
 
 
-def test_what_is_observed_otherwise_is_told(tmp_path, monkeypatch):
-    # the control: an observation that contradicts every prediction
-    true = stability_study.observe_growth
-
-    def wrong(scene, method, n_steps):
-        seen = true(scene, method, n_steps)
-        return dataclasses.replace(
-            seen, verdict="stable" if seen.verdict == "unstable" else "unstable"
-        )
-
-    monkeypatch.setattr(stability_study, "observe_growth", wrong)
+def test_every_method_and_step_is_told(tmp_path):
     result = call(tmp_path)
-    assert result.exit_code == 3
-    assert "0 of 4 runs as predicted" in result.output
-    assert {row["agrees"] for row in rows(tmp_path)} == {"no"}
+    assert result.exit_code == 0
+    assert [row["predicted"] for row in rows(tmp_path)] == [
+        "stable",
+        "stable",
+        "unstable",
+        "unstable",
+    ]
+    assert "UNSTABLE" in result.output
 
 
-def test_ranges_become_a_sweep():
-    assert ranges([]) == []
-    assert ranges(["a.b=1:10:3:log"]) == ["sweep={a.b: {from: 1, to: 10, number: 3, spacing: log}}"]
+def test_members_of_a_sweep_are_told_too(tmp_path):
+    sweep = "sweep: {problem.damping.0.coefficient: [1e-9, 1.0]}\n"
+    assert call(tmp_path, text=CONFIG + sweep).exit_code == 0
+    assert len(rows(tmp_path)) == 8
+    assert (tmp_path / "out/figures/quick-stability.png").exists()

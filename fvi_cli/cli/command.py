@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded
 from fvi_cli.cli.options import (
     RESULTS,
-    AllowUnstable,
     Check,
     Dask,
     DryRun,
@@ -39,7 +38,7 @@ _logger = logging.getLogger("fvi_cli")
 
 ALWAYS = ("quiet", "verbose")
 CONFIGURED = ("output", "overrides", "dry_run", "json")
-COMPUTED = (*CONFIGURED, "workers", "dask", "fresh", "allow_unstable")
+COMPUTED = (*CONFIGURED, "workers", "dask", "fresh")
 DRAWN = ("formats", "style")
 """Shared options: of all commands, of those that read configurations, that compute runs, that draw.
 """
@@ -59,7 +58,6 @@ class Call:
     shard: Shard = "1/1"
     dry_run: DryRun = False
     fresh: Fresh = False
-    allow_unstable: AllowUnstable = False
     json: Json = False
     quiet: Quiet = False
     verbose: Verbose = False
@@ -69,9 +67,8 @@ class Call:
     rows: dict[str, list[object]] = field(init=False, default_factory=dict)
     differences: list[str] = field(init=False, default_factory=list)
     failures: dict[str, int] = field(init=False, default_factory=dict)
-    violations: list[str] = field(init=False, default_factory=list)
 
-    def gather(self, sources: Sequence[str], over: Sequence[str] = ()) -> Sequence[Request]:
+    def gather(self, sources: Sequence[str]) -> Sequence[Request]:
         """Read and check configurations, with the changes by options."""
         from fvi_cli.keys.complaints import ChecksMember, every_member
         from fvi_cli.runner.request import gather
@@ -89,8 +86,6 @@ class Call:
         self.requests = gather(
             sources,
             self.overrides or (),
-            over=over,
-            allow_unstable=self.allow_unstable,
             checks_member=checks_member,
             results=results,
         )
@@ -144,11 +139,10 @@ class Call:
         return DONE
 
     def note(self, results: Results) -> None:
-        """Count violations and failures in the results, which determine the exit code."""
+        """Count failures in the results, which determine the exit code."""
         from fvi_cli.render.results import result_kind
 
         kind, found = result_kind(results)
-        self.violations += kind.violations(found)
         if failed := len(kind.failures(found)):
             self.failures[kind.words] = self.failures.get(kind.words, 0) + failed
 
@@ -225,8 +219,6 @@ class Call:
         """Print the JSON document or the outcome of a check; returns the exit code."""
         from fvi_cli.render.json import document
 
-        if self.check:
-            self.differences += self.violations
         if self.json:
             paths = {"files": [path.as_posix() for path in self.files]}
             print(
@@ -242,7 +234,7 @@ class Call:
             _logger.error("%d %s", count, words)
         if self.failures:
             return RUN_FAILED
-        return CHECK_FAILED if self.differences or self.violations else DONE
+        return CHECK_FAILED if self.differences else DONE
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -80,36 +80,17 @@ def cost(
     *CONFIGURED,
     *DRAWN,
     "check",
-    examples="fvi stability mine.yaml --over problem.stiffness=1:1e6:40:log",
+    examples="fvi stability stability-bagley-torvik",
 )
 def stability(
     call: Call,
     configs: Configs,
-    over: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--over",
-            metavar="KEY=FROM:TO:NUMBER[:log]",
-            help="Vary an entry of the problem, as in problem.stiffness=1:1e6:40:log, in place of "
-            "the configuration's own `sweep`; once or twice.",
-        ),
-    ] = None,
-    observe: Annotated[
-        bool | None,
-        typer.Option(
-            "--observe/--no-observe",
-            help="Run every method from random data and compare; default: as configured, yes.",
-        ),
-    ] = None,
 ) -> int:
-    """Predict the stability of every method over steps and parameters, and compare with runs.
-
-    Exit code 3 when a prediction is not what is observed, 1 when a run failed unexpectedly.
-    """
+    """Predict the stability of every method over steps and parameters."""
     from fvi_cli.runner.stability import stability as study
 
-    call.gather(configs, over or ())
-    return call.each(study, observe=observe)
+    call.gather(configs)
+    return call.each(study)
 
 
 @command(

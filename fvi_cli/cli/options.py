@@ -57,9 +57,6 @@ DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done
 Fresh = Annotated[
     bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
 ]
-AllowUnstable = Annotated[
-    bool, typer.Option("--allow-unstable", help="Compute runs that are predicted to blow up.")
-]
 Workers = Annotated[
     int, typer.Option("-j", "--workers", min=1, metavar="N", help="Processes on this machine.")
 ]

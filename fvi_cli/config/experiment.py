@@ -83,7 +83,7 @@ def make_experiment(
         _check_grid(problem, methods, steps, grading, at)
     for key in ("expect", "claims"):
         _check_cases(values[key], methods, at.under(key))
-    if is_described and settings.allow_unstable is False:
+    if is_described:
         _warn_of_negative(described, at.under("problem"))
     accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
     observed, units = Observations(), dict[str, str]()
@@ -99,7 +99,7 @@ def make_experiment(
             members = _make_members(
                 sweep, described, methods, steps, grading, problem, observed, at
             )
-            if members is not None and not settings.allow_unstable:
+            if members is not None:
                 under = at.under(SWEEP if at.has(SWEEP) else DESIGNS)
                 # one warning, for the first member with a negative factor
                 any(_warn_of_negative(one.values, under) for one in members[0])
@@ -132,7 +132,6 @@ def make_experiment(
         grading=grading,
         norm=settings.report.norm,
         expect=settings.expect,
-        allow_unstable=settings.allow_unstable,
         store_every=settings.store.every,
         claims=settings.claims,
         figures=settings.figures,
@@ -156,8 +155,7 @@ def _warn_of_negative(values: Mapping[str, Any], at: Cursor) -> bool:
             found = True
             shown = path if path.startswith("problem.") else f"problem.{path}"
             _logger.warning(
-                "%s: %s: %s: such damping drives the motion, which grows; if that is meant write "
-                "allow_unstable: true",
+                "%s: %s: %s: such damping drives the motion, which grows",
                 at.under(*(int(p) if p.isdecimal() else p for p in path.split("."))).node.place,
                 shown,
                 words,

@@ -15,7 +15,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
-from fvi_cli.integrator.trajectory import Status, Trajectory, thinned
+from fvi_cli.integrator.trajectory import Trajectory, thinned
 
 
 def check_counts(n_steps: object, every: object) -> None:
@@ -114,10 +114,10 @@ def integrate(
     except np.linalg.LinAlgError:
         # singular equations, as with negative stiffness
         message = str(no_unique_solution(scene.final_time / steps))
-        return start_only(scene, steps, status="failed", message=message)
+        return _start_only(scene, steps, message)
 
 
-def start_only(scene: Scene, n_steps: int, *, status: Status, message: str) -> Trajectory:
+def _start_only(scene: Scene, n_steps: int, message: str) -> Trajectory:
     """A trajectory that has the start only, where no step can be made."""
     position = scene.initial_position[None]
     momentum = scene.momentum(position, scene.initial_velocity[None], np.zeros(1))
@@ -128,6 +128,6 @@ def start_only(scene: Scene, n_steps: int, *, status: Status, message: str) -> T
         energy=scene.energy(position, momentum, np.zeros(1)),
         n_steps=n_steps,
         step_size=scene.final_time / n_steps,
-        status=status,
+        status="failed",
         message=message,
     )

@@ -3,37 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import ListedColormap
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.patheffects import withStroke
 
-from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.looks import MethodLook, method_looks
+from fvi_cli.plotting.looks import method_looks
 from fvi_cli.plotting.regions import region_figure
 from fvi_cli.plotting.style import (
-    COLOURS,
-    DECORATION,
-    GUIDE_COLOUR,
-    INK,
     journal_style,
     legend_of,
     new_figure,
-    note,
     panel_grid,
     wrap,
 )
 from fvi_cli.reports.naming import key_label, with_unit
-from fvi_cli.studies.stability_study import LASTING, StabilityRow, StabilityTable
+from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
 STABLE_COLOUR = "#A8D3EE"
 UNSTABLE_COLOUR = "#D9824F"
@@ -47,8 +37,6 @@ _COLOURS = {
     "not predicted": UNKNOWN_COLOUR,
 }
 MOST_PANELS = 12
-_POINTS = 60  # of a line of predicted growth
-_KEY = (1.02, 1.07, 1.12)  # places of a line of the key, as shares of the width of the bars
 
 
 def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, Figure]:
@@ -69,174 +57,58 @@ def stability_figures(name: str, tables: Sequence[StabilityTable]) -> dict[str, 
 
 @journal_style()
 def step_figure(table: StabilityTable) -> Figure:
-    """Stable steps of every method above, growth at the other steps below.
-
-    Marks show runs from random data, which are long enough to show any growth.
-    """
-    methods = table.experiment.methods
-    styles = method_looks(methods)
+    """Stable steps of every method above, growth at the other steps below."""
+    styles = method_looks(table.experiment.methods)
     by_case = {case: [row for row in table.rows if row.run.method.case == case] for case in styles}
     steps = sorted({row.run.step_size for row in table.rows})
-    low, high = steps[0] / 1.6, steps[-1] * 1.6
     figure = new_figure(2.3 + 0.15 * len(styles))
     bars, growth = figure.subplots(2, 1, sharex=True, height_ratios=(0.15 * len(styles), 1.7))
+    middles = [math.sqrt(a * b) for a, b in pairwise(steps)]
+    edges = [steps[0] / 1.6, *middles, steps[-1] * 1.6]
     for place, rows in enumerate(by_case.values()):
-        _bar(bars, place, rows, low, high)
+        for row in rows:
+            left, right = edges[(at := steps.index(row.run.step_size)) : at + 2]
+            colour = _COLOURS[_kind(row)]
+            (bar,) = bars.barh(place, right - left, left=left, height=0.62, color=colour)
+            bar.set(linewidth=0, edgecolor="white", hatch=_HATCHES.get(colour, ""))
     labels = [style.label for style in styles.values()]
     bars.set_yticks(range(len(labels)), labels)
     bars.tick_params(axis="y", length=0)
     bars.set_ylim(len(labels) - 0.4, -0.6)
     growth.set_yscale("log")
-    growing = [
-        rows[0].run.method
-        for rows in by_case.values()
-        if any(row.prediction.growth_per_step > 0 for row in rows)
-    ]
-    if growing:
-        note(bars, _KEY[1], 1.01, "line below", va="bottom")
-    growths = [one for row in table.rows if (one := row.prediction.growth_per_step) > 0] or [1.0]
-    growth.set_ylim(0.6 * min(growths), 1.4 * max(growths))
-    growth.set_xlim(low, high)
+    growing = {
+        case: [
+            (row.run.step_size, row.prediction.growth_per_step)
+            for row in rows
+            if row.prediction.growth_per_step > 0
+        ]
+        for case, rows in by_case.items()
+    }
+    methods = [rows[0].run.method for case, rows in by_case.items() if growing[case]]
     # few methods need few shades
-    for case, style in method_looks(growing).items():
-        _draw_growth(growth, replace(style, label=styles[case].label), by_case[case])
-        _mark_row(bars, list(styles).index(case), style)
-    growth.set_ylabel(wrap("logarithm of the growth factor per step", 1.7))
-    if not any(row.prediction.growth_per_step > 0 for row in table.rows):
+    for case, style in method_looks(methods).items():
+        label = styles[case].label
+        growth.plot(*np.array(growing[case]).T, label=label, **style.look.properties())
+    if not methods:
         growth.set_ylim(1e-3, 1.0)
         growth.text(0.5, 0.5, "no mode grows", transform=growth.transAxes, ha="center")
+    growth.set_ylabel(wrap("logarithm of the growth factor per step", 1.7))
     growth.set_xscale("log")
-    experiment = table.experiment
-    growth.set_xlabel(with_unit("step size $h$", experiment.units, "time"))
+    growth.set_xlim(edges[0], edges[-1])
+    growth.set_xlabel(with_unit("step size $h$", table.experiment.units, "time"))
     figure.align_ylabels([growth])
-    final_time = table.rows[0].run.experiment.problem.final_time
-    time = f"$T = {final_time:g}$ {experiment.units.get('time', '')}".rstrip()
-    is_whole = any(row.verdict == "unknown" for row in table.rows)
-    kinds = list(_COLOURS.items())[: None if is_whole else -1]
-    fillings = {colour: kind.replace("the final time", time) for kind, colour in kinds}
-    marks = [
-        Line2D([], [], label="stable in a long run", **_MARKS["stable"]),
-        Line2D([], [], label="unstable in a long run", **_MARKS["unstable"]),
-        Line2D([], [], label="growth as predicted", color=GUIDE_COLOUR),
-        Line2D([], [], label="growth as measured", **_GROWTH),
-    ]
-    entries = [*_patches(fillings), *_observed_entries(table, marks)]
-    legend_of(figure, entries, above=False)
+    legend_of(figure, [*_patches(table), *growth.get_legend_handles_labels()[0]], above=False)
     return figure
 
 
-def _bar(axes: Axes, place: int, rows: Sequence[StabilityRow], low: float, high: float) -> None:
-    """Draw the range of stable steps, with a mark for every examined step."""
-    if all(row.verdict == "unknown" for row in rows):
-        axes.barh(place, high - low, left=low, height=0.62, color=UNKNOWN_COLOUR, linewidth=0)
-    else:
-        lasting = rows[0].lasting_step
-        final_time = rows[0].run.experiment.problem.final_time
-        end = low if math.isnan(lasting) else high if lasting >= final_time else lasting
-        steps = sorted((row.run.step_size, row.verdict == "unstable") for row in rows)
-        middles = [math.sqrt(a * b) for (a, _), (b, _) in pairwise(steps)]
-        edges = [low, *middles, high]
-        parts = [(low, end, STABLE_COLOUR)]
-        parts += [
-            (max(left, end), right, UNSTABLE_COLOUR if grows_soon else SLOW_COLOUR)
-            for (left, right), (_, grows_soon) in zip(pairwise(edges), steps, strict=True)
-        ]
-        for left, right, colour in parts:
-            if right > left:
-                (bar,) = axes.barh(place, right - left, left=left, height=0.62, color=colour)
-                bar.set(linewidth=0, edgecolor="white", hatch=_HATCHES.get(colour, ""))
-    for verdict, properties in _MARKS.items():
-        x = [row.run.step_size for row in rows if _seen(row) == verdict]
-        axes.plot(x, [place] * len(x), label=f"_{verdict}", **properties)
-    x = [row.run.step_size for row in rows if _differs(row)]
-    axes.plot(x, [place] * len(x), label="_differs", **_DIFFERENCE)
-
-
-def _mark(marker: str, colour: str, face: str, size: float, edge: float = 1.0) -> dict[str, Any]:
-    own = {"marker": marker, "color": colour, "markerfacecolor": face}
-    return {**own, "linestyle": "none", "markersize": size, "markeredgewidth": edge}
-
-
-_MARKS = {
-    "stable": _mark("o", INK, "white", 4.5),
-    "unstable": _mark("x", INK, INK, 5.0)
-    | {"path_effects": [withStroke(linewidth=2.5, foreground="white")]},
-    "unknown": _mark("|", GUIDE_COLOUR, "none", 4.0),
-}
-_GROWTH = _mark("o", GUIDE_COLOUR, GUIDE_COLOUR, 4.0)
-_DIFFERENCE = _mark("s", COLOURS[1], "none", 9.0, 1.4)
-_SMALL_DIFFERENCE = _mark("s", COLOURS[1], "none", 5.0, 1.4)
-
-
-def _seen(row: StabilityRow) -> str:
-    return "unknown" if row.observation is None else row.observation.verdict
-
-
-def _differs(row: StabilityRow) -> bool:
-    return row.observation is not None and row.observation.agrees is False
-
-
-def _draw_growth(axes: Axes, style: MethodLook, rows: Sequence[StabilityRow]) -> None:
-    """Predicted growth as a line from its begin; marks of what was measured, or else predicted."""
-    growing = [row for row in rows if row.prediction.growth_per_step > 0]
-    seen = [
-        (row.run.step_size, (row.observation or row.prediction).growth_per_step) for row in growing
-    ]
-    properties = replace(style.look, size=4.5 if style.look.is_filled else 6.0).properties()
-    if not style.look.is_filled:
-        # what is full is seen through what is hollow
-        properties |= {"markerfacecolor": "none", "zorder": 5}
-    line = _predicted_growth(axes, rows)
-    axes.plot(*line, label=style.label, **{**properties, "marker": ""})
-    axes.plot(*np.array(seen).T, label="_seen", **{**properties, "linestyle": "none"})
-
-
-def _predicted_growth(axes: Axes, rows: Sequence[StabilityRow]) -> Array:
-    """Steps and growth per step, between the examined steps as well, down to where it begins."""
-    run, begin = rows[0].run, rows[0].lasting_step
-    final_time, low = run.experiment.problem.final_time, axes.get_xlim()[0]
-    examined = [row.run.n_steps for row in rows]
-    between = np.geomspace(min(examined), final_time / max(np.nan_to_num(begin), low), _POINTS)
-    # over a longer time steps need not divide the scene's own
-    longer = replace(run.scene, final_time=LASTING * final_time)
-    counts = {*np.rint(LASTING * between).astype(int).tolist(), *(LASTING * n for n in examined)}
-    found = [
-        (longer.final_time / n, growth)
-        for n in sorted(counts, reverse=True)
-        if (growth := predict_stability(longer, run.method, n).growth_per_step) > 0
-    ]
-    # below the last step without growth there is none
-    start = [(begin, axes.get_ylim()[0])] if begin < found[0][0] else []
-    return np.array([*start, *found]).T
-
-
-def _mark_row(axes: Axes, place: int, style: MethodLook) -> None:
-    """Show the line of a method in the lower panel next to its bar."""
-    axes.plot(
-        _KEY,
-        [place] * 3,
-        markevery=[1],
-        transform=axes.get_yaxis_transform(),
-        clip_on=False,
-        label="_key",
-        **DECORATION,
-        **replace(style.look, size=3.5).properties(),
-    )
-
-
-def _patches(fillings: Mapping[str, str]) -> list[Patch | Line2D]:
-    """Legend entries for colours."""
+def _patches(table: StabilityTable) -> list[Patch]:
+    """Legend entries for the colours of a study."""
+    found = {_kind(row) for row in table.rows}
     return [
         Patch(facecolor=colour, label=words, edgecolor="white", hatch=_HATCHES.get(colour, ""))
-        for colour, words in fillings.items()
+        for words, colour in _COLOURS.items()
+        if words in found
     ]
-
-
-def _observed_entries(table: StabilityTable, seen: Sequence[Line2D]) -> list[Line2D]:
-    """Legend entries for observations, if there are any."""
-    is_observed = any(row.observation is not None for row in table.rows)
-    differs = Line2D([], [], label="not as predicted", **_DIFFERENCE)
-    return [*(seen if is_observed else ()), *([differs] if table.disagreements else ())]
 
 
 @journal_style()
@@ -258,10 +130,6 @@ def parameter_figure(table: StabilityTable) -> Figure:
     height = min(1.6, 6.6 / rows_of_panels)
     step = with_unit("step size $h$", experiment.units, "time")
     up = step if len(keys) == 1 else key_label(keys[1], experiment.units)
-    seen = Line2D([], [], linestyle="none", marker=".", color=INK, label="unstable in a long run")
-    limit = Line2D([], [], color=INK, linewidth=1.3, label="all modes stable below")
-    found = {_kind(row) for row in table.rows}
-    fillings = {colour: kind for kind, colour in _COLOURS.items() if kind in found}
     figure = new_figure(0.9 + height * rows_of_panels)
     grid, used = panel_grid(figure, len(shown), columns, sharex=True, sharey=True)
     for axes, (title, rows) in zip(used, shown, strict=True):
@@ -273,9 +141,7 @@ def parameter_figure(table: StabilityTable) -> Figure:
         column[-1].set_xlabel(wrap(key_label(keys[0], experiment.units), 2.6 / columns))
     some = f"the first {len(shown)} of {len(panels)} panels; all are in the table"
     words = some if len(panels) > len(shown) else ""
-    entries = [*_patches(fillings), *([limit] if len(keys) == 1 else ())]
-    entries += _observed_entries(table, [seen])
-    legend_of(figure, entries, title=words)
+    legend_of(figure, _patches(table), title=words)
     return figure
 
 
@@ -298,7 +164,7 @@ def _coordinate(row: StabilityRow, key: str) -> float:
 
 
 def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]) -> None:
-    """Draw cells of verdicts, a line for the largest stable step, and differing observations."""
+    """Draw cells of verdicts."""
     across = [_coordinate(row, keys[0]) for row in rows]
     up = [_coordinate(row, keys[1]) if len(keys) > 1 else row.run.step_size for row in rows]
     x, y = sorted(set(across)), sorted(set(up))
@@ -318,25 +184,16 @@ def _verdict_panel(axes: Axes, keys: Sequence[str], rows: Sequence[StabilityRow]
         vmax=len(_COLOURS) - 0.5,
         rasterized=True,
     )
-    if len(keys) == 1:
-        limits = {a: row.lasting_step for row, a in zip(rows, across, strict=True)}
-        line = np.array([limits[a] for a in x])
-        axes.plot(x, line, color=INK, linewidth=1.3, label="all modes stable below")
-    places = np.array([across, up])
-    seen = places[:, [_seen(row) == "unstable" for row in rows]]
-    axes.plot(*seen, ".", markersize=1.8, color=INK, label="_unstable")
-    other = places[:, [_differs(row) for row in rows]]
-    axes.plot(*other, label="_differs", **_SMALL_DIFFERENCE)
     axes.set_xlim(x_edges[0], x_edges[-1])
     axes.set_ylim(y_edges[0], y_edges[-1])
 
 
 def _kind(row: StabilityRow) -> str:
     """The key of the colour of a cell."""
-    kinds = list(_COLOURS)
-    if row.verdict == "stable":
-        return kinds[row.prediction.growth_per_step > row.prediction.exact_growth]
-    return kinds[2 if row.verdict == "unstable" else 3]
+    kinds, verdict = list(_COLOURS), row.prediction.verdict
+    if verdict == "stable":
+        return kinds[row.prediction.growth_per_step > 0]
+    return kinds[2 if verdict == "unstable" else 3]
 
 
 def _edges(values: Sequence[float]) -> tuple[Array, str]:

@@ -55,9 +55,8 @@ class ResultKind:
     figures: Callable[[str, Found], Mapping[str, Figure]] | None = None
     # what a terminal shows in place of the summary of the report
     text: Callable[[Found], str] | None = None
-    # a line for each unexpected failure, and for each claim that does not hold
+    # a line for each unexpected failure
     failures: Callable[[Found], list[str]] = lambda found: []
-    violations: Callable[[Found], list[str]] = lambda found: []
     words: str = "runs failed unexpectedly"  # said after the number of failures
     is_written: bool = True  # whether files are kept of it
     is_compared: bool = True  # whether these are the same on every run
@@ -106,11 +105,6 @@ KINDS: Mapping[type, ResultKind] = {
         report=stability_report,
         figures=_drawing("fvi_cli.plotting.stability", "stability_figures"),
         failures=lambda found: [row.failure for one in found for row in one.rows if row.failure],
-        violations=lambda found: [
-            f"{row.run.title}: predicted and observed differ: {row.observation}"
-            for one in found
-            for row in one.disagreements
-        ],
     ),
     CostTable: ResultKind(
         report=cost_report,

@@ -45,7 +45,6 @@ def run(
     workers: int = 1,
     dask: str | None = None,
     fresh: bool = False,
-    allow_unstable: bool = False,
     keep: bool = True,
     shard: str = "1/1",
     prune: bool = False,
@@ -64,7 +63,7 @@ def run(
         Number of processes; more than one needs the ``if __name__ == "__main__"`` guard.
     dask
         Address of a Dask scheduler whose workers compute in place of processes here.
-    fresh, allow_unstable, shard, prune
+    fresh, shard, prune
         As the options of the command line.
     keep
         Store the computed runs in `output`.
@@ -92,7 +91,7 @@ def run(
         keeps_motions=keeps_motions,
         shard=shard_named(shard),
     )
-    request = requested(source, allow_unstable=allow_unstable)
+    request = requested(source)
     check_memory_together(request, settings)
     is_kept = settings.keep and request.stored is None
     with stored_runs(request, settings, writes=is_kept) as store:

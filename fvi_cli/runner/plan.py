@@ -25,11 +25,10 @@ class PlannedRun:
     """The plan for one run."""
 
     run: Run
-    # "reuse" a stored result, "compute", "refuse", or "leave out" (a run that is missing in the
-    # result file of the request)
+    # "reuse" a stored result, "compute", or "leave out" (a run that is missing in the result file
+    # of the request)
     action: str
-    # to reuse: stored; to compute: new; to refuse: refused: and
-    # the prediction; to leave out: not in the file
+    # to reuse: stored; to compute: new; to leave out: not in the file
     reason: str
     predicted: Predicted
 
@@ -51,12 +50,11 @@ def plan(
     output: Path | str = "results",
     workers: int = 1,
     fresh: bool = False,
-    allow_unstable: bool = False,
     shard: str = "1/1",
 ) -> list[PlannedRun]:
     """What :func:`run` would do with every run, why, and the prediction; writes no file."""
     settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
-    request = requested(source, allow_unstable=allow_unstable)
+    request = requested(source)
     check_memory_together(request, settings)
     plans = []
     with stored_runs(request, settings) as store:
@@ -85,8 +83,6 @@ def _missing(run: Run, request: Request) -> tuple[str, str, Predicted]:
     verdict = prediction.verdict
     if request.stored is not None:
         return "leave out", "not in the file", verdict
-    if verdict == "unstable" and not run.experiment.allow_unstable:
-        return "refuse", f"refused: {prediction.reason}", verdict
     return "compute", "new", verdict
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -78,16 +77,14 @@ def gather(
     sources: Sequence[str],
     overrides: Sequence[str] = (),
     *,
-    over: Sequence[str] = (),
-    allow_unstable: bool = False,
     checks_member: ChecksMember = every_member,
     results: Callable[[str], Path] | None = None,
 ) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
-    `over` is swept in place of their own sweeps (:func:`ranges`). `checks_member` says which
-    members of a sweep are checked. `results` gives the result file for the name of a configuration:
-    a configuration that is stored there was checked before, and its members are not checked again.
+    `checks_member` says which members of a sweep are checked. `results` gives the result file for
+    the name of a configuration: a configuration that is stored there was checked before, and its
+    members are not checked again.
 
     Raises
     ------
@@ -97,16 +94,13 @@ def gather(
         With the mistakes in all of them, names that are neither files nor shipped
         configurations, and names that occur twice.
     """
-    changes = (*overrides, *ranges(over))
     requests: list[Request] = []
     mistakes: list[str] = []
     for source in sources:
         try:
-            requests.append(
-                _request(source, changes, checks_member, results, allow_unstable=allow_unstable)
-            )
+            requests.append(_request(source, overrides, checks_member, results))
         except RequestError as error:
-            mistakes.extend(_about_over(line, over) for line in error.complaints)
+            mistakes.extend(error.complaints)
     if mistakes:
         raise RequestError(*mistakes)
     names = [request.name for request in requests]
@@ -116,53 +110,16 @@ def gather(
     return requests
 
 
-def ranges(over: Sequence[str]) -> list[str]:
-    """Overrides that sweep over ``KEY=FROM:TO:NUMBER[:log]``.
-
-    Raises
-    ------
-    RequestError
-        For another form, and for more than two keys: figures show two swept keys at most.
-    """
-    if len(over) > 2:
-        raise RequestError("--over: at most two keys are varied")
-    entries = []
-    for text in over:
-        key, equals, numbers = text.partition("=")
-        parts = numbers.split(":")
-        if not (equals and key.strip() and len(parts) in (3, 4) and all(parts)):
-            raise RequestError(
-                f"--over: {text!r} is not allowed; it must be KEY=FROM:TO:NUMBER[:log], such as "
-                "problem.stiffness=1:1e6:40:log"
-            )
-        spacing = parts[3] if len(parts) == 4 else "linear"
-        entries.append(
-            f"{key.strip()}: {{from: {parts[0]}, to: {parts[1]}, number: {parts[2]}, "
-            f"spacing: {spacing}}}"
-        )
-    return [f"sweep={{{', '.join(entries)}}}"] if entries else []
-
-
-def _about_over(line: str, over: Sequence[str]) -> str:
-    """A complaint about ``--set: sweep.KEY``, which stands for a range, said of ``--over: KEY``."""
-    for key in (text.partition("=")[0].strip() for text in over):
-        for start in (f"--set: sweep.{key}:", f"--set: {key}:", f"--set: sweep.{key}."):
-            line = line.replace(start, f"--over: {key}{start[-1]}", 1)
-    return line
-
-
 def _request(
     source: str,
     overrides: Sequence[str],
     checks_member: ChecksMember,
     results: Callable[[str], Path] | None,
-    *,
-    allow_unstable: bool,
 ) -> Request:
     path = Path(source) if source.endswith(STORED_SUFFIX) else None
     if path is None:
         found = find_config(source)
-        known = None if results is None else _known(found, overrides, results, allow_unstable)
+        known = None if results is None else _known(found, overrides, results)
         loaded = known or load_config(found, overrides=overrides, checks_member=checks_member)
     else:
         # most commands are given no result file, and reading one takes long to import
@@ -175,13 +132,11 @@ def _request(
             overrides=overrides,
             checks_member=every_member if overrides else no_member,
         )
-    if allow_unstable:
-        loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded, stored=path)
 
 
 def _known(
-    path: Path, overrides: Sequence[str], results: Callable[[str], Path], allow_unstable: bool
+    path: Path, overrides: Sequence[str], results: Callable[[str], Path]
 ) -> LoadedConfig | None:
     """The configuration if no member has to be checked: it has none, or its result file has it."""
     # mistakes are reported by the caller, which loads it again with all checks
@@ -194,8 +149,7 @@ def _known(
             # most commands need not wait for this import
             from fvi_cli.storage import has_configuration
 
-            request = allowing_unstable(loaded) if allow_unstable else loaded
-            return loaded if has_configuration(stored, request) else None
+            return loaded if has_configuration(stored, loaded) else None
     return None
 
 
@@ -205,19 +159,6 @@ def _as_written(configuration: StoredConfiguration) -> dict[str, Any]:
     experiments = resolved["experiments"]
     is_single = len(experiments) == 1 and experiments[0]["name"] == resolved["name"]
     return dict(experiments[0]) if is_single else resolved
-
-
-def allowing_unstable(loaded: LoadedConfig) -> LoadedConfig:
-    """The configuration as if ``allow_unstable`` stood in every experiment; files say so."""
-    is_single = len(loaded.experiments) == 1 and loaded.experiments[0].name == loaded.name
-    prefixes = [""] if is_single else [f"experiments.{k}." for k in range(len(loaded.experiments))]
-    resolved = [{**one, "allow_unstable": True} for one in loaded.resolved["experiments"]]
-    return dataclasses.replace(
-        loaded,
-        experiments=tuple(dataclasses.replace(e, allow_unstable=True) for e in loaded.experiments),
-        resolved={**loaded.resolved, "experiments": resolved},
-        overrides=(*loaded.overrides, *(f"{prefix}allow_unstable=true" for prefix in prefixes)),
-    )
 
 
 def load(
@@ -273,13 +214,9 @@ def _plain(value: object) -> object:
     )
 
 
-def requested(
-    source: Source, *, overrides: Sequence[str] = (), allow_unstable: bool = False
-) -> Request:
+def requested(source: Source, *, overrides: Sequence[str] = ()) -> Request:
     """What a command would be asked for."""
     if isinstance(source, Request):
         return source
     loaded = load(source, overrides=overrides)
-    if allow_unstable:
-        loaded = allowing_unstable(loaded)
     return Request(name=loaded.name, loaded=loaded)

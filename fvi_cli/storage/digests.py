@@ -63,11 +63,6 @@ def identity_of(run: Run) -> str:
     return sha256(f"{SOLVER_VERSION} {settings}{canonical_json(problem_of(run))}")
 
 
-def refusal_of(identity: str) -> str:
-    """The identity of the refusal of a run that is predicted to blow up."""
-    return sha256(f"refused {identity}")
-
-
 def specification_of(run: Run) -> tuple[str, Inputs]:
     """The specification of a run as JSON text, and the long lists that it names by digest.
 

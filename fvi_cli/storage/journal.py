@@ -122,8 +122,8 @@ class Journal:
         """Add the runs of a frame to the entries."""
         for row, (identity, own, _) in enumerate(head["runs"]):
             attributes = {**head["common"], **own}
-            kind, is_unstable = kind_of(attributes), attributes["predicted"] == "unstable"
-            self.entries.append(Entry(identity, self, kind.path, row, kind, is_unstable, place))
+            kind = kind_of(attributes)
+            self.entries.append(Entry(identity, self, kind.path, row, kind, place))
         at = end - sum(8 * math.prod(shape) for _, _, shape in head["inputs"])
         for digest, dtype, shape in head["inputs"]:
             self.inputs[digest] = (at, dtype, tuple(shape))

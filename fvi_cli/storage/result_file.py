@@ -40,7 +40,7 @@ GROUPS_KEPT: Final = 8
 IDENTITIES: Final = "identity"
 """Dataset of the index with 32 bytes per run."""
 
-NUMBERS: Final = ("group", "row", "is_unstable")
+NUMBERS: Final = ("group", "row")
 """Datasets of the index with one number per run."""
 
 _NAMED: Final = re.compile(rf'"(?:{INPUT}|digest)": ?"([0-9a-f]{{64}})"')
@@ -99,9 +99,9 @@ class ResultFile:
         # the index is not needed any more: the entries hold its values
         identities = [bytes(row).hex() for row in self._index.pop(IDENTITIES)]
         numbers = (self._index.pop(name).tolist() for name in NUMBERS)
-        for identity, group, number, is_unstable in zip(identities, *numbers, strict=True):
+        for identity, group, number in zip(identities, *numbers, strict=True):
             path, kind = groups[group]
-            yield Entry(identity, self, path, number, kind, bool(is_unstable))
+            yield Entry(identity, self, path, number, kind)
 
     def group(self, path: str) -> StoredGroup:
         """A group of runs."""
@@ -200,10 +200,8 @@ def write_file(
         for number, (place, rows) in enumerate(layout.items()):
             survey = write_group(file, place, rows)
             check()
-            predictions = zip(rows, survey.column("predicted"), strict=True)
-            for row, (one, predicted) in enumerate(predictions):
-                own = (one.identity, number, row, predicted == "unstable")
-                for column, value in zip(index.values(), own, strict=True):
+            for row, one in enumerate(rows):
+                for column, value in zip(index.values(), (one.identity, number, row), strict=True):
                     column.append(value)
             kind = kind_of(rows[0].attributes())
             groups.append(json.dumps({"path": place, "kind": kind._asdict()}))

@@ -22,7 +22,6 @@ from fvi_cli.storage.contents import (
 from fvi_cli.storage.digests import (
     Inputs,
     identity_of,
-    refusal_of,
     specification_of,
 )
 from fvi_cli.storage.files import (
@@ -145,17 +144,9 @@ class Store:
         entry = self._entries.get(identity)
         return None if entry is None else entry.record()
 
-    def _find(self, run: Run) -> Entry | None:
-        """The entry of a run; for a run that would blow up, unless this is allowed, its refusal."""
-        identity = identity_of(run)
-        entry = self._entries.get(identity)
-        if run.experiment.allow_unstable or (entry is not None and not entry.is_unstable):
-            return entry
-        return self._entries.get(refusal_of(identity))
-
     def finished(self, run: Run) -> FinishedRun | None:
         """The stored run, or for a search the run that it chose; None: it is not stored."""
-        entry = None if self.is_fresh else self._find(run)
+        entry = None if self.is_fresh else self._entries.get(identity_of(run))
         if entry is None:
             return None
         record = entry.record()
@@ -226,7 +217,7 @@ class Store:
         count = missing = 0
         for run in runs:
             count += 1
-            entry = self._find(run)
+            entry = self._entries.get(identity_of(run))
             if entry is None:
                 missing += 1
             else:

@@ -74,7 +74,6 @@ class Experiment:
     """Norm of the error."""
     expect: Mapping[str, str] = field(default_factory=dict)
     """Known failures: from a case name, or its first part such as ``bdf5``, to ``unstable``."""
-    allow_unstable: bool = False
     """Compute runs that are predicted to blow up."""
     store_every: int = 1
     """Keep every n-th grid point in files."""

@@ -63,11 +63,8 @@ class Region(Setting, expected="{orders: [...], stiffness: {...}, damping: {...}
 
 
 class StabilitySettings(Setting):
-    """Regions and ranges that ``fvi stability`` examines."""
+    """Regions that ``fvi stability`` examines."""
 
-    observe: bool = key(
-        "Run every method from random data and compare with what is predicted.", default=True
-    )
     region: Region | None = key(
         "Draw stability regions in the plane of stiffness and damping of a step.", default=None
     )

@@ -11,16 +11,13 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
-from fvi_cli.integrator.integrate import start_only
 from fvi_cli.integrator.meshes.singular_start import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
-from fvi_cli.integrator.stability.limits import refusal
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,
     predict_stability,
-    stability_along,
 )
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.operators import left_operator
@@ -70,24 +67,17 @@ def execute_batch(
 ) -> list[FinishedRun]:
     """Compute runs by one method on one number of steps, e.g. members of a sweep; or one search.
 
-    A run that fails does not disturb the others. A run that is predicted to blow up is computed
-    only with ``allow_unstable``. References that are not given are found here. A search for a
-    tolerance gives `log` a line for every run.
+    A run that fails does not disturb the others. References that are not given are found here. A
+    search for a tolerance gives `log` a line for every run.
     """
     if runs[0].is_search:
         return [run_for_tolerance(run, log=log) for run in runs]
-    predictions = [prediction_of(run) for run in runs]
-    going = [
-        run
-        for run, one in zip(runs, predictions, strict=True)
-        if run.experiment.allow_unstable or one.verdict != "unstable"
-    ]
     found = {
         run: _differentiate(run.problem, run)
-        for run in going
+        for run in runs
         if isinstance(run.problem, DerivativeProblem)
     }
-    moving = [run for run in going if run not in found]
+    moving = [run for run in runs if run not in found]
     method, diagnostics = runs[0].method, runs[0].experiment.diagnostics
     pairs = integrate_requested(
         [run.scene for run in moving],
@@ -99,12 +89,8 @@ def execute_batch(
     )
     found |= zip(moving, pairs, strict=True)
     return [
-        assessed(run, found[run], prediction, reference or reference_of(run))
-        if run in found
-        else _refused(run, prediction, reference or reference_of(run))
-        for run, prediction, reference in zip(
-            runs, predictions, references or [None] * len(runs), strict=True
-        )
+        assessed(run, found[run], prediction_of(run), reference or reference_of(run))
+        for run, reference in zip(runs, references or [None] * len(runs), strict=True)
     ]
 
 
@@ -232,15 +218,8 @@ def _remarks(
             # the longest of N steps that end at T (k/N)^r
             share = 1.0 - (1.0 - 1.0 / n_steps) ** experiment.grading
             found += scene.forcing.remarks(scene.final_time, scene.final_time * share)
-        if prediction.is_noticed(n_steps) or prediction.linearised_verdict == "unstable":
-            found.append(f"stability: {prediction.reason}")
-        elif not scene.is_linear:
-            worst = stability_along(scene, run.method, n_steps, trajectory)
-            if worst is not None and worst[1].verdict == "unstable":
-                found.append(
-                    f"stability: nonlinear; linearised on the path at t = {worst[0]:.6g}: "
-                    f"{worst[1].reason}"
-                )
+        if prediction.verdict == "unstable":
+            found.append(f"predicted unstable: {prediction.reason}")
     if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
         found.append(
             "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
@@ -269,18 +248,3 @@ def expected_order_of(run: Run) -> float:
     if scene is None:
         return float("nan")
     return order_on(scene, run.method, run.experiment.grading)
-
-
-def _refused(run: Run, prediction: StabilityPrediction, reference: Reference) -> FinishedRun:
-    """A run that was not computed: its start, and the reason."""
-    message = refusal(run.scene, run.method, run.n_steps, prediction)
-    return FinishedRun(
-        run=run,
-        trajectory=start_only(run.scene, run.n_steps, status="refused", message=message),
-        error=float("nan"),
-        floor=0.0,
-        status="refused",
-        predicted=prediction.verdict,
-        expected_order=expected_order_of(run),
-        reference=reference.source,
-    )

@@ -25,7 +25,6 @@ method:
 ladder: {steps: [2, 4, 8]}
 report: {norm: max}
 expect: {bdf2: unstable}
-allow_unstable: false
 """
 PENDULUM = "name: p\nproblem: {kind: pendulum, final_time: 2.0}\nladder: {steps: [4]}\n"
 DERIVATIVE = (

@@ -54,7 +54,6 @@ def test_starters_fit(kind):
         "problem: {kind: pendulum, final_time: 1.0, damping: [{order: 2.0, coefficient: 1}]}",
         "problem: {kind: pendulum, final_time: 1.0, damping: [{order: 0.5}]}",
         "ladder: {steps: [0]}", "ladder: {steps: 8, base: 2}", "store: {every: 0}",
-        "allow_unstable: yes",
     ],
 )  # fmt: skip
 def test_mistakes_do_not_fit(entry):

@@ -130,7 +130,7 @@ def test_a_starter_file_is_valid_and_shows_every_key_of_the_problem(kind):
 @pytest.mark.parametrize("kind", [one for one in PROBLEM.kinds if one != "fractional-derivative"])
 def test_what_a_starter_file_has_as_comments_is_valid_when_it_is_switched_on(kind, tmp_path):
     text = starter_config(kind)
-    assert not any(f"\n{key}:" in text for key in ("claims", "expect", "allow_unstable"))
+    assert not any(f"\n{key}:" in text for key in ("claims", "expect"))
     text = re.sub(r"\nmethod: .*", "\nmethod: {rk: gauss, degree: 3}", text)
     for key in ("output", "quantities", "events"):
         text = re.sub(rf"\n# {key}: ([\[{{])", rf"\n{key}: \1", text)

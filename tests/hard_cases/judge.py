@@ -86,7 +86,7 @@ class Claim:
         """The number, the worst status of the runs, and whether one is predicted unstable."""
         of = [predict_stability(one.scene, method, one.n_steps) for one in self.settings]
         results: Sequence[Any] = of
-        if self.judge not in ("called_unstable", "error_of_predicted_growth"):
+        if self.judge != "called_unstable":
             results = [integrate(one.scene, method, one.n_steps) for one in self.settings]
         status = next((r.status for r in results if getattr(r, "status", "ok") != "ok"), "ok")
         is_unstable = any(one.verdict == "unstable" for one in of)
@@ -258,16 +258,11 @@ def called_unstable(settings: Settings, *predictions: StabilityPrediction) -> fl
     return sum(prediction.verdict == "unstable" for prediction in predictions)
 
 
-def error_of_predicted_growth(settings: Settings, *predictions: StabilityPrediction) -> float:
-    """Relative error of the predicted growth."""
-    return max(abs(one.growth_per_step / one.exact_growth - 1.0) for one in predictions)
-
-
 JUDGES: Mapping[str, Callable[..., float]] = {
     one.__name__: one
     for one in (
         *(error, error_over_step, error_at, difference, error_of_difference, distance),
-        *(energy_gain, energy_change, energy_defect, called_unstable, error_of_predicted_growth),
+        *(energy_gain, energy_change, energy_defect, called_unstable),
     )
 }
 

@@ -34,7 +34,7 @@ MATTERS = [
     "store={every: 2}",
 ]  # fmt: skip
 DOES_NOT = [
-    "allow_unstable=true", "name=slow", "expect={bdf2: unstable}", "ladder.steps=[4, 16, 32]",
+    "name=slow", "expect={bdf2: unstable}", "ladder.steps=[4, 16, 32]",
     "method.bdf=[2, 3]", "problem.stiffness=1", "report={norm: l2}",
     "report={norm: final}", "figures=[phase]", "units={time: s}",
 ]  # fmt: skip

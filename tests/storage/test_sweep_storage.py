@@ -24,7 +24,6 @@ CONFIG = (
     + """\
 method: {bdf: 2, sampling: nodes}
 ladder: {steps: [8, 16]}
-allow_unstable: true
 sweep: {problem.damping.0.order: [0.5, 1.5], problem.damping.0.coefficient: [0.1, 1, 300]}
 """
 )

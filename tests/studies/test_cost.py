@@ -70,7 +70,6 @@ name: singular
 problem: {kind: bagley-torvik, stiffness: -1.0, initial: {position: 1.0}, final_time: 2.0}
 method: {rk: gauss, degree: 1}
 ladder: {steps: [1, 2]}
-allow_unstable: true
 """
     singular, solved = (measured(run) for run in experiment(text).runs())
     assert (singular.status, singular.is_usable) == ("failed", False)

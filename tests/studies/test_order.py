@@ -181,7 +181,6 @@ def test_a_reference_that_fails_costs_the_errors_but_not_the_runs():
         problem_specification=specification,
         methods=(Method(cq="gauss", degree=1),),
         steps=(4, 8),
-        allow_unstable=True,
     )
     reference = find_reference(own.problem)
     assert not reference.is_known

@@ -126,7 +126,6 @@ problem:
   final_time: {16.0 * second!r}
 method: [{{rk: gauss, degree: 2}}, {{rk: gauss, degree: 9}}, {{baseline: explicit-euler}}]
 ladder: {{steps: [16]}}
-allow_unstable: true
 report: {{norm: {norm}}}
 """
     path = tmp_path / "clocks.yaml"

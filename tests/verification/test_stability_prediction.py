@@ -12,9 +12,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import path_from
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.integrator.stability.systems import independent_systems
 
 FEWEST_STEPS = 2000
 
@@ -59,12 +57,9 @@ def observed_growth(
     """Largest position in the last over that in the first quarter, from random data."""
     position, momentum = random.standard_normal((2, scene.dimension))
     with np.errstate(all="ignore"):
-        if method.is_runge_kutta:
-            # the mass is one
-            moved = replace(scene, initial_position=position, initial_velocity=momentum)
-            position = np.abs(integrate(moved, method, n_steps).position)
-        else:
-            position = np.abs(path_from(scene, method, n_steps, position, momentum))
+        # the mass is one
+        moved = replace(scene, initial_position=position, initial_velocity=momentum)
+        position = np.abs(integrate(moved, method, n_steps).position)
     if position.shape[0] <= n_steps or not np.isfinite(position).all():
         return float("inf")
     quarter = n_steps // 4
@@ -72,15 +67,15 @@ def observed_growth(
 
 
 def extreme_case(random: np.random.Generator) -> tuple[Scene, Method, int]:
-    """A scalar scene with step size 1 whose numbers may be anything, negative ones too."""
+    """A scalar scene with step size 1 whose numbers may be of any size."""
     _, method = random_case(random)
     n_steps = int(10 ** random.uniform(0, 7))
     order = random.choice([1e-3, 0.05, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 1.5, 1.95, 1.999])
-    coefficient = 10 ** random.uniform(-6, 6) * random.choice([1, 1, 1, -1])
+    coefficient = 10 ** random.uniform(-6, 6)
     scene = spring(
         (float(order), np.array([[coefficient]])),
         T=float(n_steps),
-        k=10 ** random.uniform(-8, 8) * random.choice([1, 1, 1, -1]),
+        k=10 ** random.uniform(-8, 8),
         x=0.0,
         v=0.0,
     )
@@ -148,10 +143,8 @@ def test_extreme_scenes_are_decided(count):
         prediction = predict_stability(scene, method, n_steps)
         seconds.append(time.process_time() - began)
         assert prediction.verdict != "unknown", (method.case, scene.damping, prediction)
-        if method.cq == "gauss" and all(
-            system.is_dissipative for system in independent_systems(scene)
-        ):
-            assert (prediction.verdict, prediction.growing_modes) == ("stable", 0)
+        if method.cq == "gauss":
+            assert prediction.verdict == "stable"
     tell_times("extreme scalar scenes", seconds)
 
 

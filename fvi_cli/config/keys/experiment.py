@@ -130,7 +130,6 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         "section of one event, and {ensemble: [x]} mean and spread of the members.",
         default=[],
     )
-    allow_unstable: bool = key("Compute runs that are predicted to blow up.", default=False)
     store: StoreKeys = key("What is kept in files.", default={"every": 1})
     output: Output | None = key(
         "Times at which a run is stored, whatever its steps: "
@@ -163,7 +162,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         default=None,
     )
     stability: StabilitySettings = key(
-        "What fvi stability computes for the methods and steps.", default={"observe": True}
+        "What fvi stability computes for the methods and steps.", default={}
     )
     fit: Fit | None = key(
         "Which numbers of the problem fvi fit fits to which measurements.", default=None

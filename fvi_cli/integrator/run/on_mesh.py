@@ -18,7 +18,6 @@ from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
-from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.regular import has_rough_momenta, keeps_for_momenta
@@ -141,34 +140,6 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
     if loads is not None:
         engine.add_loads(0, loads)
     return remarks
-
-
-def path_from(
-    scene: Scene, method: Method, n_steps: int, position: Array, momentum: Array
-) -> Array:
-    """Positions on the grid from any state, ``(n + 1, d)``.
-
-    They end at the first that is not finite. Derivatives subtract the initial data of the scene.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError
-        If the equations of a step have no unique solution.
-    """
-    mesh = mesh_for(scene, method, n_steps)
-    engine = engine_for([scene], method, mesh)
-    recorder = Recorder(engine)
-    recorder.begin(0.0, position[None], momentum[None])
-    run(
-        engine,
-        MeshSource(mesh),
-        state=engine.start_at(position[None], momentum[None]),
-        recorder=recorder,
-    )
-    failure = recorder.failures.get(0)
-    if failure is not None and failure.reason == "no unique solution":
-        raise np.linalg.LinAlgError(str(failure))
-    return recorder.points(0)[1]
 
 
 @in_one_thread

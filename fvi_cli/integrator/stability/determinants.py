@@ -17,7 +17,6 @@ from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.stability.patterns import Patterns, step_patterns
 from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
-from fvi_cli.mathematics.transforms.zeros import LogFunction
 
 ENTRIES_AT_ONCE = 2_000_000
 """Most entries of the matrices whose determinants are computed together."""
@@ -38,11 +37,6 @@ class StepDeterminants:
 
     def __getitem__(self, which: Integers) -> StepDeterminants:
         return replace(self, forms=self.forms[which])
-
-    def of(self, number: int) -> LogFunction:
-        """The logarithm of one determinant as a function of z."""
-        which = np.full(1, number)
-        return lambda z: self.logarithms(self.tabulate(z), np.arange(z.size), which)
 
     def tabulate(self, z: ComplexArray) -> ComplexArray:
         """The patterns at each z."""

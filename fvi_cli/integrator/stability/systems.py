@@ -1,14 +1,12 @@
-"""The independent linear systems of a scene, and whether they have a source of energy."""
+"""The independent linear systems of a scene."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import decouple_forms
 from fvi_cli.mathematics.arrays import Array
@@ -26,19 +24,6 @@ class MatrixPencil:
     def dimension(self) -> int:
         """Number d of components."""
         return int(self.mass.shape[0])
-
-    @property
-    def sizes(self) -> tuple[tuple[float, float], ...]:
-        """Orders with the norms of their matrices relative to the mass, without norms of 0."""
-        root = np.linalg.inv(np.linalg.cholesky(self.mass))
-        pairs = ((0.0, self.stiffness), *self.damping)
-        norms = ((order, float(np.linalg.norm(root @ form @ root.T, 2))) for order, form in pairs)
-        return tuple((order, size) for order, size in norms if size > 0)
-
-    @cached_property
-    def is_dissipative(self) -> bool:
-        """Whether K and all D are positive semi-definite: then nothing grows, see `Scene`."""
-        return all(map(is_semidefinite, (self.stiffness, *(form for _, form in self.damping))))
 
 
 def matrix_pencil(scene: Scene) -> MatrixPencil:

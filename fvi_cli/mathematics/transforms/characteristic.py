@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray, LongArray, LongComplexArray
-from fvi_cli.mathematics.transforms.zeros import OneFunction, Path, contour_integrals
+from fvi_cli.mathematics.transforms.zeros import OneFunction, Path, changes_of_argument
 
 _LARGEST_LOGARITHM = 700.0  # of abs(s)
 _STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)  # bounds of arg(s), tried in turn
@@ -161,7 +161,7 @@ class _ExponentialSum:
             sums = self.values(w.astype(np.clongdouble))[0]
             return np.asarray(np.log(sums), dtype=np.complex128)
 
-        return float(contour_integrals(OneFunction(logarithm), path, parameters)[0, 0])
+        return float(changes_of_argument(OneFunction(logarithm), path, parameters)[0])
 
     def count(self, low: float, high: float, strip: float) -> int | None:
         """Zeros with abs(arg) < strip by the argument principle; None if one is on the boundary."""

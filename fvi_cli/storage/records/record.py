@@ -59,7 +59,6 @@ class GroupKind(NamedTuple):
     swept: tuple[str, ...]
     variant: str
     method: str
-    is_refusal: bool
     has_own_times: bool
 
     @property
@@ -70,7 +69,7 @@ class GroupKind(NamedTuple):
     @property
     def group_key(self) -> tuple[object, ...]:
         """Runs of one path may share a group if these properties are equal."""
-        return self.variant, self.method, self.is_refusal, self.swept
+        return self.variant, self.method, self.swept
 
 
 def group_path(experiment: str, case: str, n_steps: int) -> str:
@@ -81,10 +80,9 @@ def group_path(experiment: str, case: str, n_steps: int) -> str:
 def kind_of(attributes: Mapping[str, Any]) -> GroupKind:
     """The kind of the group of a run with these attributes."""
     a = attributes
-    refused = a["status"] == "refused" and a["predicted"] == "unstable"
     return _kind(
         str(a["experiment"]), str(a["case"]), int(a["n_steps"]), str(a["norm"]),
-        str(a.get(SWEPT, "[]")), str(a["specification"]), refused,
+        str(a.get(SWEPT, "[]")), str(a["specification"]),
     )  # fmt: skip
 
 
@@ -96,7 +94,6 @@ def _kind(
     norm: str,
     swept: str,
     specification: str,
-    refused: bool,
 ) -> GroupKind:
     keys, values = tuple(json.loads(swept)), json.loads(specification)
     return GroupKind(
@@ -107,7 +104,6 @@ def _kind(
         swept=keys,
         variant=variant_of(specification, keys, norm),
         method=sha256(canonical_json(values["method"])),
-        is_refusal=refused,
         has_own_times="accuracy" in values,
     )
 
@@ -172,7 +168,6 @@ class Entry:
     path: str
     row: int
     kind: GroupKind  # kind of its group
-    is_unstable: bool  # whether it was predicted to blow up
     place: int = 0  # for a journal the byte at which the frame begins
     description: Description | None = None  # changes of its attributes, if any
 

@@ -21,7 +21,6 @@ from fvi_cli.storage.digests import (
     Inputs,
     extract_inputs,
     identity_of,
-    refusal_of,
     specification_of,
 )
 from fvi_cli.storage.files import escape_text
@@ -74,9 +73,6 @@ def stored_record(finished: FinishedRun) -> StoredRecord:
         arrays = {n: v[: own.size] if axes[n][0] == TIME else v for n, v in arrays.items()}
         arrays[TIME] = own
     identity = identity_of(run)
-    # asked for again with ``allow_unstable`` it is another request, and is integrated
-    if finished.status == "refused" and finished.predicted == "unstable":
-        identity = refusal_of(identity)
     return record_for(run, identity, specification_of(run), attributes, arrays, axes)
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.mathematics.transforms.zeros import OneFunction, contour_integrals
+from fvi_cli.mathematics.transforms.zeros import OneFunction, changes_of_argument
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 
 FIRST_STEPS = 4
@@ -105,7 +105,7 @@ def count_modes(stiffness: DynamicStiffness, sector: Sector, known: Sequence[com
             return np.exp((1.0 - part) * first + part * last)
 
         parts = _first_parts(first, last, density)
-        total += float(contour_integrals(OneFunction(log_rest), edge, parts)[0, 0])
+        total += float(changes_of_argument(OneFunction(log_rest), edge, parts)[0])
     if math.isnan(total):
         raise CountError("a mode lies on the edge of the region that is counted")
     return round(total / (2.0 * math.pi)) + sum(sector.holds(s) for s in known)
