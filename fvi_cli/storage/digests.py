@@ -31,7 +31,7 @@ from fvi_cli.studies.members import with_values, without_values
 FORMAT = 4
 """Number of the file format; a program reads files of its own number."""
 
-SOLVER_VERSION = 19
+SOLVER_VERSION = 20
 """Raise it whenever the same run gives other numbers; stored runs are then computed again."""
 
 INPUT: Final = "input@"

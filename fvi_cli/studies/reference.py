@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.looks import sample_forces
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Method
@@ -236,20 +237,24 @@ def _in_words(error: float, scale: float) -> str:
 def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
     scale, samples = likely_amplitude(scene) or 1.0, sample_forces(scene)
+    is_rough = SceneForces(scene).is_steep
     better, worse = (
         AdaptiveRuns(scene, degree, samples=samples, most_steps=MOST_STEPS) for degree in (8, 10)
     )
     for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
-        runs = (better.run(tolerance * scale), worse.run(3.0 * tolerance * scale))
+        runs = [better.run(tolerance * scale), worse.run(3.0 * tolerance * scale)]
+        if is_rough:
+            # beside kinks two runs may agree by accident
+            runs.append(worse.run(10.0 * tolerance * scale))
         last = next((run for run in runs if run.status != "ok"), runs[0])
-        fine, other = (run.steps for run in runs)
-        if last.status != "ok" or fine is None or other is None:
+        if last.status != "ok":
             continue
+        fine, *others = (run.steps for run in runs if run.steps is not None)
         scale = float(np.abs(last.position).max()) or scale
         if tolerance == SCALE_TOLERANCE:
             continue
-        times = np.union1d(fine.time, other.time)
-        difference = float(np.abs(fine(times) - other(times)).max())
+        times = np.unique(np.concatenate([fine.time, *(one.time for one in others)]))
+        difference = max(float(np.abs(fine(times) - one(times)).max()) for one in others)
         words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
         source = f"refined run ({words})"
         return Reference(values=fine, error=difference, source=source, is_dense=True)
