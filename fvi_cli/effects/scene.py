@@ -79,7 +79,8 @@ class Scene:
     potential: Potential | None = None  # any object with the functions of Potential
     damping: tuple[FractionalDamping, ...] = ()
     forcing: Forcing | None = None
-    # caputo: D acts on q - q0 (on q - q0 - v0 t for orders above 1); riemann-liouville: on q itself
+    # caputo: D acts on q - q0 (on q - q0 - v0 t for orders above 1); riemann-liouville: on q,
+    # the same with the loads of the initial data
     derivative: Derivative = "caputo"
     # in place of inertia and potential, where the mass matrix is not constant: d/dt L_v - L_q
     # stands for M q'' + grad V(q)
@@ -187,6 +188,41 @@ class Scene:
     def active_forces(self) -> tuple[FractionalDamping | Law, ...]:
         """All damping terms and laws that do something."""
         return (*self.active_damping, *self.active_laws)
+
+    @property
+    def initial_loads(self) -> tuple[tuple[float, Array], ...]:
+        r"""Powers e and vectors c of the forces c t**e of the initial data, e from -1 to 0.
+
+        Riemann-Liouville derivatives are those of Caputo and
+        :math:`q_0 t^{-\gamma} / \Gamma(1 - \gamma)` for orders below 1,
+        :math:`v_0 t^{1 - \gamma} / \Gamma(2 - \gamma)` above, where :math:`q_0 = 0`.
+        """
+        if self.derivative == "caputo":
+            return ()
+        found = []
+        for term in self.active_damping:
+            if term.is_integer_order:
+                continue
+            start = self.initial_position if term.order < 1 else self.initial_velocity
+            order = term.order % 1.0
+            load = -times(start, term.form) / math.gamma(1.0 - order)
+            if load.any():
+                found.append((-order, load))
+        return tuple(found)
+
+    def initial_force(self, time: Array) -> Array:
+        """The sum of :attr:`initial_loads` at times ``(n,)``, ``(n, d)``; infinite at t = 0."""
+        total = np.zeros((time.size, self.dimension))
+        for power, load in self.initial_loads:
+            acted = load != 0
+            with np.errstate(all="ignore"):
+                total[:, acted] += time[:, None] ** power * load[acted]
+        return total
+
+    @property
+    def acts_above_order_1(self) -> bool:
+        """Whether derivatives of an order above 1 act."""
+        return any(term.order > 1 for term in self.active_damping)
 
     @property
     def is_sparse(self) -> bool:

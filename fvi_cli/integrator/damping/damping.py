@@ -62,9 +62,7 @@ class DampingTables:
 class Damping:
     """The damping of the members of a batch.
 
-    Start velocities are ``(q, e)``, along the reach where there is one. `jump`, ``(q, e)``, is the
-    step of the samples from 0 to the initial position, which they have at the nodes under
-    Riemann-Liouville, as in the paper.
+    Start velocities are ``(q, e)``, along the reach where there is one.
     """
 
     def __init__(
@@ -72,10 +70,9 @@ class Damping:
         directions: Sequence[Direction],
         memory: Exponentials | Lags,
         velocity: Array,
-        jump: Array | None = None,
     ) -> None:
         self.directions, self.memory = tuple(directions), memory
-        self.start_velocity, self._jump = velocity[:, None], jump  # (q, 1, e)
+        self.start_velocity = velocity[:, None]  # (q, 1, e)
         self.combinations = tuple(
             Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
         )
@@ -141,35 +138,7 @@ class Damping:
             column += self.memory.column_start
         elif self._starts_relative:
             states = states + self.start_velocity
-        if self._jump is not None and isinstance(self.memory, Lags):
-            kernels = self.memory.kernels(self.memory.h, 1)
-            states = kernels.push(states, _jump_inputs(self._jump, self.memory), 1)
         return states, column
-
-    def force_of_jump(self) -> Array:
-        """Force of the jump to the initial position that the equations leave out, ``(q, n, m, e)``.
-
-        At the first sample all of it is left out, as in the paper. The derivative of order 1 of a
-        jump is zero after it: its few backward differences are left out at all samples.
-        """
-        memory = self.memory
-        if self._jump is None or not isinstance(memory, Lags):
-            return np.zeros((len(self.start_velocity), 0, 0, self.start_velocity.shape[2]))
-        kernels = memory.at_lags(np.arange(1, min(memory.bdf_order + 1, memory.n_steps) + 1))
-        first = _jump_inputs(self._jump, memory)
-        whole, total = np.zeros((2, len(first), *kernels.shape[1:3], first.shape[2]))
-        for one in self.combinations:
-            for place, factor in zip(one.places[0], one.factors.T, strict=True):
-                force = np.matmul(kernels[place], first[:, None]).reshape(
-                    len(first), -1, first.shape[2]
-                )
-                force = along(factor[:, None, None] * force, one.matrix)
-                force = force.reshape(whole.shape)
-                whole += force
-                if memory.terms[place] == 0.0:
-                    total += force
-        total[:, 0, 0] = whole[:, 0, 0]
-        return np.asarray(total)
 
     def past(
         self,
@@ -267,16 +236,8 @@ class Damping:
         """The damping of some members; for their tables see :meth:`DampingTables.of`."""
         part = copy.copy(self)
         part.start_velocity = self.start_velocity[places]
-        part._jump = None if self._jump is None else self._jump[places]
         part.combinations = tuple(one.of(places) for one in self.combinations)
         return part
-
-
-def _jump_inputs(jump: Array, memory: Lags) -> Array:
-    """The step from 0 to the initial position, ``(q, s, e)``."""
-    inputs = np.zeros((len(jump), memory.n_inputs, jump.shape[1]))
-    inputs[:, -1] = jump / memory.h
-    return inputs
 
 
 def damping_of(
@@ -314,12 +275,10 @@ def damping_of(
         raise ValueError("n_steps: backward differences take a number of equal steps")
     else:
         memory = Lags(method, terms, n_steps=n_steps, final_time=final_time)
-    at_nodes = method.sampling == "nodes" and scenes[0].derivative == "riemann-liouville"
     return Damping(
         directions,
         memory,
         _members([one.initial_velocity for one in scenes], modes, reach),
-        _members([one.initial_position for one in scenes], modes, reach) if at_nodes else None,
     )
 
 

@@ -42,10 +42,10 @@ def pattern_of(scene: Scene) -> Pattern:
 
     Terms whose matrices are multiples of each other share their sums.
     """
-    caputo = scene.derivative == "caputo" and bool(np.any(scene.initial_velocity != 0))
+    is_moving = bool(np.any(scene.initial_velocity != 0))
     known: list[tuple[bool, Form, list[int]]] = []
     for place, force in enumerate(scene.active_forces):
-        is_relative = caputo and isinstance(force, FractionalDamping) and force.order > 1
+        is_relative = is_moving and isinstance(force, FractionalDamping) and force.order > 1
         _, direction = force.scale_and_direction
         for other, matrix, places in known:
             if other == is_relative and is_same_direction(matrix, direction):

@@ -79,26 +79,12 @@ class Engine:
         self.n_states = 0 if self.damping is None else self.damping.n_states
         self._operators = Operators(self.law, self.damping, method, self.e)
         self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
-        if n_steps is not None:
-            self._leave_out_jump(scene.final_time / n_steps)
         self.has_loads = any(not one.is_empty for one in self.loads_of)
         self.is_batch = most is not None
         inputs = len(self.tables.to_inputs) * self.e
         self.most = longest_block(self.law, self.q, inputs) if most is None else most
         if isinstance(self.law, StructureLaw):
             self.most = GROUP
-
-    def _leave_out_jump(self, h: float) -> None:
-        """Subtract the force of the jump to the initial position that the equations leave out."""
-        if self.damping is None or not (force := self.damping.force_of_jump()).size:
-            return
-        if isinstance(self.law, StructureLaw):
-            force = self.law.spread(force)
-        weights = self.tables.sample_test_weights
-        q, n, m, e = force.shape
-        _, scenes = self.to_scene(force.reshape(q, n * m, e), force.reshape(q, n * m, e))
-        for loads, own in zip(self.loads_of, scenes, strict=True):
-            loads.add(h * np.einsum("vm,kmd->kvd", weights, own.reshape(n, m, -1)))
 
     def start(self) -> State:
         """The state at t = 0."""

@@ -141,7 +141,7 @@ class LinearisedRun:
 
     def _damping_of(self, terms: Sequence[Term], matrices: Array, start: Array) -> Damping:
         """Damping by terms with a matrix each, for motions with the start velocities `start`."""
-        sizes, is_caputo = self.steps.step_size, self.scene.derivative == "caputo"
+        sizes = self.steps.step_size
         shortest = float(sizes.min())
         memory = Exponentials(
             self.method,
@@ -155,7 +155,7 @@ class LinearisedRun:
                 matrix=matrix[None],
                 terms=((term,),),
                 factors=np.ones((1, 1)),
-                is_relative=is_caputo and _exponent(term) < 0,
+                is_relative=_exponent(term) < 0,
             )
             for term, matrix in zip(terms, matrices, strict=True)
         ]

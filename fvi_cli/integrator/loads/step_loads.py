@@ -8,7 +8,6 @@ from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads.panels import graded_rule, tested_rule
 from fvi_cli.integrator.method import Method
@@ -28,13 +27,12 @@ Force = Callable[[Array, float, Array], Array]
 class StepLoads:
     r"""Known forces of a scene, step by step or on many equal steps at once.
 
-    These are its forcing, and the part that Riemann-Liouville adds to Caputo derivatives of order
-    :math:`\gamma < 1` for an initial position,
-    :math:`-\mu q_0 t^{-\gamma} / \Gamma(1 - \gamma)`.
+    These are its forcing, and what Riemann-Liouville derivatives of the initial data add to those
+    of Caputo, :attr:`fvi_cli.effects.scene.Scene.initial_loads`.
 
     ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` integrates to
-    round-off. The part that Riemann-Liouville adds is always integrated exactly, since
-    it is singular at 0.
+    round-off. What the initial data add is always integrated to round-off, since it is singular at
+    0.
     """
 
     def __init__(self, scene: Scene, method: Method, tables: StepTables) -> None:
@@ -42,15 +40,7 @@ class StepLoads:
         self._rule, self._dimension = method.forcing_quadrature, scene.dimension
         # for backward differences: load vectors of the first steps, ``(n, s + 1, d)``
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
-        self._jump: list[tuple[float, Array]] = []
-        # samples on the nodes begin with the jump from 0 to the initial position
-        jumps = scene.derivative == "riemann-liouville" and method.sampling != "nodes"
-        if jumps and np.any(scene.initial_position != 0):
-            self._jump = [
-                (term.order, -times(scene.initial_position, term.form))
-                for term in scene.active_damping
-                if term.order < 1
-            ]
+        self._initial = scene.initial_loads
 
     @cached_property
     def _basis(self) -> LagrangeBasis:
@@ -60,7 +50,7 @@ class StepLoads:
     @property
     def is_empty(self) -> bool:
         """Whether no loads are known in advance."""
-        return self._forcing is None and not self._jump and not self._added.size
+        return self._forcing is None and not self._initial and not self._added.size
 
     def add(self, loads: Array) -> None:
         """Add load vectors of the damping force in the first steps, ``(n, s + 1, d)``."""
@@ -103,48 +93,41 @@ class StepLoads:
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
         """The part of the damping: minus the part that Riemann-Liouville derivatives add."""
-        if not self._jump and not self._added.size:
+        if not self._initial and not self._added.size:
             return None
         total = np.zeros((n_steps, *self._added.shape[1:]))
-        if self._jump:
+        if self._initial:
             start = begin + step_size * np.arange(n_steps, dtype=float)
-            total = self._exact(self._jump_force, start, step_size, is_fresh=False)
+            total = self._exact(self._initial_force, start, step_size, is_fresh=False)
             if begin == 0.0:
-                total[0] = self._jump_loads_at_zero(step_size)
+                total[0] = self._initial_loads_at_zero(step_size)
         if self._added.size:
             first = round(begin / step_size)
             added = self._added[first : first + n_steps]
             total[: len(added)] += added
         return total
 
-    def _jump_force(self, start: Array, step_size: float, offsets: Array) -> Array:
-        times = start[:, None] + step_size * offsets
-        from scipy.special import rgamma
+    def _initial_force(self, start: Array, step_size: float, offsets: Array) -> Array:
+        times = (start[:, None] + step_size * offsets)[..., None]
+        return np.asarray(sum(times**power * load for power, load in self._initial))
 
-        return np.asarray(
-            sum(
-                rgamma(1 - order) * times[..., None] ** -order * direction
-                for order, direction in self._jump
-            )
-        )
+    def _initial_loads_at_zero(self, step_size: float) -> Array:
+        r"""Load vectors of the step from 0 on, shape ``(s + 1, d)``, by Gauss-Jacobi quadrature.
 
-    def _jump_loads_at_zero(self, step_size: float) -> Array:
-        r"""Load vectors of the step from 0 on, shape ``(s + 1, d)``.
-
-        With :math:`l(\tau) = l(0) + \tau r(\tau)` the singular part is
-        :math:`h^{1-\gamma} l(0) / \Gamma(2 - \gamma)`, an impulse at 0 for orders near 1.
+        With :math:`l(\tau) = l(0) + \tau r(\tau)` the singular part of the force :math:`t^e` is
+        :math:`h^{1 + e} l(0) / (1 + e)`, an impulse at 0 for e near -1.
         """
-        from scipy.special import rgamma, roots_jacobi
+        from scipy.special import roots_jacobi
 
         at_zero = self._basis.values(np.zeros(1))
-        total = np.zeros((at_zero.shape[0], self._jump[0][1].size))
-        for order, direction in self._jump:
-            nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 - order)
+        total = np.zeros((at_zero.shape[0], self._dimension))
+        for power, load in self._initial:
+            nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 + power)
             tau = 0.5 * (nodes + 1.0)
-            weights = weights * 0.5 ** (2.0 - order)
+            weights = weights * 0.5 ** (2.0 + power)
             rest = ((self._basis.values(tau) - at_zero) / tau) @ weights
-            own = rgamma(2.0 - order) * at_zero[:, 0] + rgamma(1.0 - order) * rest
-            total += step_size ** (1.0 - order) * np.outer(own, direction)
+            own = at_zero[:, 0] / (1.0 + power) + rest
+            total += step_size ** (1.0 + power) * np.outer(own, load)
         return total
 
     def _exact(self, force: Force, start: Array, step_size: float, *, is_fresh: bool) -> Array:

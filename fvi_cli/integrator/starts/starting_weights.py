@@ -170,7 +170,7 @@ class _Correction:
                 for chi in offsets
             ]
             subtracted = np.zeros(self._shape)
-            if scene.derivative == "caputo" and term.order > 1:
+            if term.order > 1:
                 subtracted = times[:, :, None] * scene.initial_velocity
             own = h ** (-term.order) * np.stack(weights, axis=1)
             self._terms.append((own, subtracted, term.matrix))
