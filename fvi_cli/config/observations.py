@@ -14,7 +14,7 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import IN_G, Output
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.dampers import check_work, damper_values
+from fvi_cli.integrator.observations.dampers import check_forces, damper_values
 from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
 from fvi_cli.integrator.observations.request import (
     Event,
@@ -237,7 +237,7 @@ def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at:
     expected, found = damper_values(first.scene), damper_values(own.scene)
     for key, formulas in (("quantities", observed.quantities or {}), ("events", events)):
         for name, formula in formulas.items():
-            if reason := _infinite_work(formula, own):
+            if reason := _spoilt_by_start(formula, own):
                 at.under(key).refuse_key(name, reason)
             known = {*known_names(first.coordinates, observed.parameters), *observed.inputs}
             for word in sorted(formula.names & expected.keys() - known):
@@ -342,19 +342,21 @@ def _expression(
     at = next((one for one in under.items() if one.scalar == name), under.under(name, *inner))
     text = FormulaText(variables=names, advice=partial(advice, own=name)).read(at)
     found = Expression.parse(text, variables=names) if isinstance(text, str) else None
-    if found is not None and (reason := _infinite_work(found, problem)):
+    if found is not None and (reason := _spoilt_by_start(found, problem)):
         at.refuse(reason)
         return None
     return found
 
 
-def _infinite_work(formula: Expression, problem: Problem) -> str:
-    """Why the work of a damper in a formula has no value; empty: it has one."""
-    dampers = damper_values(problem.scene)
+def _spoilt_by_start(formula: Expression, problem: Problem) -> str:
+    """Why a force or work in a formula has no value; empty: it has one."""
+    scene, dampers = problem.scene, damper_values(problem.scene)
+    forces = {p + name for p in "ad" for name in problem.coordinates} - set(problem.coordinates)
     try:
-        for word in sorted(formula.names & dampers.keys()):
-            if dampers[word].kind == "work":
-                check_work(problem.scene, word)
+        for word in sorted(formula.names):
+            kind = dampers[word].kind if word in dampers else "force" * (word in forces)
+            if kind in ("force", "work"):
+                check_forces(scene, word, is_work=kind == "work")
     except ValueError as error:
         return str(error)
     return ""

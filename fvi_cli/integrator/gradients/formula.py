@@ -28,11 +28,15 @@ from fvi_cli.integrator.gradients.linearised import (
     damped,
 )
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
-from fvi_cli.integrator.observations.dampers import DamperForce, damper_values, dampers_of
+from fvi_cli.integrator.observations.dampers import (
+    DamperForce,
+    damper_values,
+    dampers_of,
+    forces_along,
+)
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.observations.request import Observations
-from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression, slopes_of
@@ -116,12 +120,10 @@ class Formula:
         def forces(place: int | None, scene: Scene = run.scene) -> Sequence[Array | None]:
             if place is None:
                 return (None if force is None else force[None],)
-            return forces_along([scene], [run.method], [run.steps], place)
+            return forces_along([scene], run.method, [run.steps], place)
 
         self._forces = forces
-        self._motion = DenseMotion(
-            scenes=(run.scene,), steps=(run.steps,), shapes=(run.steps,), find_forces=forces
-        )
+        self._motion = DenseMotion(scenes=(run.scene,), steps=(run.steps,), find_forces=forces)
         self._places = self._motion.located(0, times)
         self._at = MotionAt(run.steps, self._places)
         self.values = self._evaluate(self._motion, own)
@@ -166,10 +168,6 @@ class Formula:
                 terms[place] = terms.get(place, 0.0) + size * share * row
         if acceleration.any():
             by[[0, 1, 3]] += _through_accelerations(self._motion, places, acceleration)
-        # at the start the damping depends on the initial data only, see `rates`
-        at_start = self._motion.time(*places) == 0.0
-        for weights in (damping, *terms.values()):
-            weights[at_start] = 0.0
         return position, velocity, -damping, terms
 
     def spread(self, by_value: Array) -> tuple[Array, Array, Array | None, Array | None]:

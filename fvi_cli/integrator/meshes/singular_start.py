@@ -15,7 +15,6 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, ForcingPiece, formula_of
-from fvi_cli.effects.matrices import times
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline, ForcingQuadrature
@@ -95,17 +94,6 @@ def order_on(scene: Scene, method: AnyMethod, grading: float = 1.0) -> float:
     powers += [start_power(scene, at_start=False)] if scene.break_points else []
     least = min((power for power in powers if power is not None), default=math.inf)
     return order if is_reached and grading * least >= order else math.nan
-
-
-def rate_jumps(scene: Scene) -> bool:
-    """Whether a damping force is like t**(1 - order) at t = 0 with an order above 1.
-
-    Riemann-Liouville derivatives of a motion with an initial velocity are such forces.
-    """
-    return scene.derivative == "riemann-liouville" and any(
-        term.order > 1 and np.any(times(scene.initial_velocity, term.form) != 0)
-        for term in scene.active_damping
-    )
 
 
 LEAST_POWER = -0.9

@@ -14,10 +14,8 @@ to the loss of energy; its integral over whole steps is the quadrature of the me
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Literal, cast
 
 import numpy as np
@@ -28,7 +26,9 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.singular_start import rate_jumps
+from fvi_cli.integrator.balances.damping_along import damping_along
+from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.motion import DenseMotion, join_series, stage_series
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -95,13 +95,13 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     return found
 
 
-def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, RunSteps]:
-    """A scene of one damper with its deformation as coordinates, and the run of this scene."""
+def _damper_alone(scene: Scene, place: int) -> Scene:
+    """A scene of one damper with its deformation as coordinates."""
     parts = dampers_of(scene)[place]
     single = [replace(one, coefficient=one.inner) for one in parts]
     count = parts[0].inner.shape[0]
     mass = sparse_unit(count) if is_sparse(parts[0].inner) else np.eye(count)
-    found = Scene(
+    return Scene(
         inertia=Inertia(mass=mass),
         initial_position=parts[0].deformation(scene.initial_position),
         initial_velocity=parts[0].deformation(scene.initial_velocity),
@@ -110,71 +110,86 @@ def single_damper(scene: Scene, place: int, shape: RunSteps) -> tuple[Scene, Run
         laws=tuple(one for one in single if isinstance(one, Law)),
         derivative=scene.derivative,
     )
-    own = replace(
-        shape,
-        position=parts[0].deformation(shape.position),
-        momentum=parts[0].deformation(shape.momentum),
-        velocity=parts[0].deformation(shape.velocity),
-        jump=None,
-    )
-    return found, own
+
+
+def forces_along(
+    scenes: Sequence[Scene],
+    method: Method,
+    runs: Sequence[RunSteps],
+    damper: int | None = None,
+) -> list[Array | None]:
+    """Forces with memory at the stages of runs; those of one mesh and pattern at once.
+
+    Each is ``(k, n, r, d)`` by direction or, for one damper, ``(1, n, r, c)`` on its deformation;
+    None without damping.
+    """
+    velocities = [run.velocity for run in runs]
+    if damper is not None:
+        velocities = [
+            deformation_of(scene, damper, one)
+            for scene, one in zip(scenes, velocities, strict=True)
+        ]
+        scenes = [_damper_alone(scene, damper) for scene in scenes]
+    found: list[Array | None] = [None] * len(scenes)
+    groups: dict[Hashable, list[int]] = {}
+    for index, (scene, run) in enumerate(zip(scenes, runs, strict=True)):
+        if scene.active_forces and run.n_steps:
+            # laws change the rates of all, and sparse matrices are not batched
+            runs_individually = bool(scene.active_laws) or scene.is_sparse
+            key = (run.time.tobytes(), pattern_of(scene), scene.final_time)
+            groups.setdefault(index if runs_individually else key, []).append(index)
+    for places in groups.values():
+        first = runs[places[0]]
+        along = damping_along(
+            [scenes[index] for index in places],
+            method,
+            first.mesh(scenes[places[0]].break_points),
+            [replace(runs[index], velocity=velocities[index]) for index in places],
+        )
+        if along is None:  # pragma: no cover - there are forces
+            continue
+        with np.errstate(all="ignore"):
+            for index, force in zip(places, along.forces().swapaxes(0, 1), strict=True):
+                found[index] = force
+    return found
 
 
 def spring_force(scene: Scene, place: int, deformation: Array, time: Array) -> Array:
     """The part of a damper's force without memory, from deformations ``(n, c)``.
 
-    It comes from the relaxed modulus of a law, and from the difference of Riemann-Liouville and
-    Caputo derivatives of order below 1.
+    It comes from the relaxed modulus of a law, and from the loads of the initial data.
     """
     total = np.zeros_like(deformation)
-    start = deformation_of(scene, place, scene.initial_position)
+    if scene.initial_loads:
+        total -= _damper_alone(scene, place).initial_force(time)
     for one in dampers_of(scene)[place]:
         if isinstance(one, Law):
             total += one.spring * times(deformation, one.inner)
-        elif scene.derivative != "caputo" and one.order < 1 and start.any():
-            with np.errstate(divide="ignore"):
-                power = time**-one.order / math.gamma(1.0 - one.order)
-            at_start = np.asarray(times(start, one.inner))
-            total[:, at_start != 0] += power[:, None] * at_start[at_start != 0]
     return total
 
 
-def remembered_at_start(scene: Scene, place: int) -> Array:
-    """The force of the memory at t = 0, ``(c,)``; nan where it is infinite."""
-    velocity = deformation_of(scene, place, scene.initial_velocity)
-    total = np.zeros_like(velocity)
-    for one in dampers_of(scene)[place]:
-        if isinstance(one, Law) or one.order < 1:
-            continue
-        force = np.asarray(times(velocity, one.inner), dtype=float)
-        if one.order == 1:
-            total += force
-        elif scene.derivative != "caputo":
-            total[force != 0] = np.nan
-    return total
+def check_forces(scene: Scene, name: str, *, is_work: bool = False) -> None:
+    """Refuse forces and works that the initial data of Riemann-Liouville derivatives spoil.
 
-
-def check_work(scene: Scene, name: str) -> None:
-    """Refuse works that are infinite.
+    Above order 1 forces at the stages keep an error like those of
+    :meth:`fvi_cli.integrator.results.run_steps.RunSteps.momenta_of_polynomials`.
 
     Raises
     ------
     ValueError
-        For Riemann-Liouville derivatives of a motion that begins away from 0.
+        For works of forces with loads of the initial data, and forces of orders above 1 with them.
     """
-    if scene.derivative != "caputo" and np.any(scene.initial_position != 0):
-        raise ValueError(
-            f"{name}: the power of a Riemann-Liouville derivative is infinite at the start; use "
-            "caputo, or begin at 0"
+    if not scene.initial_loads:
+        return
+    if is_work:
+        reason = "the power of a Riemann-Liouville derivative is infinite at the start"
+    elif scene.acts_above_order_1:
+        reason = (
+            "forces of Riemann-Liouville derivatives above order 1 keep an error of the first step"
         )
-
-
-def rough_dampers(scene: Scene) -> tuple[int, ...]:
-    """Places of dampers whose forces at the stages keep the error of the first step."""
-    if not rate_jumps(scene):
-        return ()
-    every = enumerate(dampers_of(scene))
-    return tuple(k for k, own in every if any(getattr(one, "order", 0.0) > 1 for one in own))
+    else:
+        return
+    raise ValueError(f"{name}: {reason}; use caputo, or begin at rest in 0")
 
 
 def deformation_rows(scene: Scene, place: int) -> Array:
@@ -182,32 +197,17 @@ def deformation_rows(scene: Scene, place: int) -> Array:
     return deformation_of(scene, place, np.eye(scene.dimension)).T
 
 
-@lru_cache(maxsize=8)
-def is_separable(scene: Scene) -> bool:
-    """Whether the balance of forces gives the force of each rough damper: independent B."""
-    rough = rough_dampers(scene)
-    if scene.is_sparse or not rough:
-        return False
-    rows = np.concatenate([deformation_rows(scene, one) for one in rough])
-    return bool(np.linalg.matrix_rank(rows) == len(rows))
-
-
-def loses_by_dampers(scene: Scene, steps: RunSteps) -> bool:
-    """Whether the energy of a motion changes only by the work of its dampers."""
-    return scene.forcing is None and scene.lagrangian is None and steps.jump is None
-
-
-def running_work(shape: RunSteps, force: Array | None, rate: Array) -> Array:
+def running_work(run: RunSteps, force: Array | None, rate: Array) -> Array:
     """Chebyshev coefficients, on every step, of the work since the start, ``(r + 1, n)``.
 
     Force and rate of deformation are those at the stages, ``(n, r, c)``; None: no force acts.
     """
-    stages = shape.tables.points.size
+    stages = run.tables.points.size
     if force is None:
-        return np.zeros((stages + 1, shape.n_steps))
+        return np.zeros((stages + 1, run.n_steps))
     power = np.einsum("nrd,nrd->rn", force, rate)
-    rates = shape.tables.stages_to_series @ power
-    found = np.asarray(chebyshev.chebint(rates, lbnd=-1.0)) * 0.5 * shape.step_size
+    rates = run.tables.stages_to_series @ power
+    found = np.asarray(chebyshev.chebint(rates, lbnd=-1.0)) * 0.5 * run.step_size
     found[0, 1:] += np.cumsum(found.sum(axis=0))[:-1]
     return found
 
@@ -227,74 +227,35 @@ class DampersAlong:
             every = (replace(value, place=one) for one in range(count))
             return np.asarray(sum(self(one, steps, tau) for one in every))
         if value.kind == "work":
-            found = evaluate_series(self._works(place), steps, 2.0 * tau - 1.0)[:, 0]
-            for member, own in by_owner(motion.owner, steps, len(motion.scenes)):
-                scene = motion.scenes[member]
-                is_lost = loses_by_dampers(scene, motion.steps[member])
-                if rough_dampers(scene) == (place,) and is_lost:
-                    found[own] = self._work_by_energy(member, place, steps[own], tau[own])
-            return found
+            return evaluate_series(self._works(place), steps, 2.0 * tau - 1.0)[:, 0]
         position, found = motion.position(steps, tau), np.zeros(steps.size)
         is_force, time = value.kind == "force", motion.time(steps, tau)
         if is_force:
+            for scene in motion.scenes:
+                check_forces(scene, f"force_{place + 1}")
             series = self._remembered(place)
             found = evaluate_series(series, steps, 2.0 * tau - 1.0)[:, value.component]
         for member, own in by_owner(motion.owner, steps, len(motion.scenes)):
             scene = motion.scenes[member]
             deformation = deformation_of(scene, place, position[own])
-            if not is_force:
-                found[own] = deformation[:, value.component]
-                continue
-            if place in rough_dampers(scene) and is_separable(scene):
-                balanced = self._by_balance(scene, place, steps[own], tau[own])
-                found[own] = balanced[:, value.component]
-                continue
-            at_start = remembered_at_start(scene, place)[value.component]
-            found[own] = np.where(time[own] == 0.0, at_start, found[own])
-            found[own] += spring_force(scene, place, deformation, time[own])[:, value.component]
+            if is_force:
+                deformation = spring_force(scene, place, deformation, time[own])
+            found[own] += deformation[:, value.component]
         return found
-
-    def _work_by_energy(self, member: int, place: int, steps: Places, tau: Array) -> Array:
-        """The work of the one rough damper, ``(n,)``: the lost energy less the works of others."""
-        motion, scene = self._motion, self._motion.scenes[member]
-        momentum = scene.momentum(scene.initial_position, scene.initial_velocity, 0.0)
-        _, energy = motion.momentum_and_energy(motion.position(steps, tau), steps, tau)
-        found = scene.energy(scene.initial_position, momentum, 0.0) - energy
-        for other in range(len(dampers_of(scene))):
-            if other != place:
-                found -= self(DamperValue(kind="work", place=other), steps, tau)
-        return np.asarray(found)
-
-    def _by_balance(self, scene: Scene, place: int, steps: Places, tau: Array) -> Array:
-        """The force of a rough damper, ``(n, c)``: the whole damping less the forces of others."""
-        motion, rough = self._motion, rough_dampers(scene)
-        rest = -motion.damping(steps, tau)
-        for other in range(len(dampers_of(scene))):
-            if other in rough:
-                continue
-            for component, row in enumerate(deformation_rows(scene, other)):
-                value = DamperValue(kind="force", place=other, component=component)
-                rest -= self(value, steps, tau)[:, None] * row
-        rows = np.concatenate([deformation_rows(scene, one) for one in rough])
-        first = sum(len(deformation_rows(scene, one)) for one in rough if one < place)
-        with np.errstate(invalid="ignore"):
-            # infinite at the start
-            forces = rest @ np.linalg.pinv(rows)
-        return np.asarray(forces[:, first : first + len(deformation_rows(scene, place))])
 
     def _remembered(self, place: int) -> Array:
         """Chebyshev coefficients of a damper's force with memory, ``(K, N, c)``."""
         if ("force", place) not in self._series:
             every = self._at_stages(place)
             forces = [np.zeros_like(rate) if one is None else one for one, rate, _ in every]
-            self._series["force", place] = stage_series(self._motion.shapes, forces)
+            self._series["force", place] = stage_series(self._motion.steps, forces)
         return self._series["force", place]
 
     def _works(self, place: int) -> Array:
         """Chebyshev coefficients of the work on a damper, ``(K, N, 1)``."""
         if ("work", place) not in self._series:
             for scene in self._motion.scenes:
-                check_work(scene, f"work_{place + 1}")
+                check_forces(scene, f"work_{place + 1}", is_work=True)
             found = [running_work(o, f, rate)[..., None] for f, rate, o in self._at_stages(place)]
             self._series["work", place] = join_series(found)
         return self._series["work", place]
@@ -302,7 +263,7 @@ class DampersAlong:
     def _at_stages(self, place: int) -> Iterator[tuple[Array | None, Array, RunSteps]]:
         """For every member force and rate of deformation of a damper, ``(n, r, c)``."""
         motion = self._motion
-        every = zip(motion.find_forces(place), motion.scenes, motion.shapes, strict=True)
-        for forces, scene, shape in every:
-            rate = deformation_of(scene, place, shape.velocity)
-            yield None if forces is None else forces.sum(axis=0), rate, shape
+        every = zip(motion.find_forces(place), motion.scenes, motion.steps, strict=True)
+        for forces, scene, run in every:
+            rate = deformation_of(scene, place, run.velocity)
+            yield None if forces is None else forces.sum(axis=0), rate, run

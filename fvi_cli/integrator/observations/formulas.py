@@ -41,6 +41,7 @@ class FormulaAlong:
     variables: Variables
     constants: Sequence[Mapping[str, float]] = ({},)  # of every member; one for all of them
     owner: Places | None = None  # member of every step, (N,), where constants are more than one
+    start_variables: Variables | None = None  # at t = 0, with the velocities that are given there
 
     def __call__(self, steps: Places, tau: Array) -> Array:
         """Values at places of steps."""
@@ -75,9 +76,12 @@ class FormulaAlong:
         }
         return self._values(steps, tau, variables), self._noise(steps, middles)
 
-    def round_off(self, steps: Places, tau: Array) -> Array:
-        """Round-off of values at places, ``(n,)``."""
-        return self._noise(steps, self.variables(steps, tau))
+    def starts_with_zero(self, steps: Places) -> Mask:
+        """Whether the value at the start of runs, by their first steps, is zero to round-off."""
+        tau = np.zeros(steps.size)
+        variables = (self.start_variables or self.variables)(steps, tau)
+        values = self._values(steps, tau, variables)
+        return np.asarray(np.abs(values) <= self._noise(steps, variables))
 
     def _noise(self, steps: Places, variables: Mapping[str, Array | float]) -> Array:
         """How far values move where each variable moves by its round-off."""

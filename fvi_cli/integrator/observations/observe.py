@@ -4,25 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from types import MappingProxyType
-
-import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observations.dampers import dampers_of
+from fvi_cli.integrator.observations.dampers import dampers_of, forces_along
 from fvi_cli.integrator.observations.impacts.run import integrate_with_impacts
+from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer, Pair
 from fvi_cli.integrator.observations.request import Observations, check_observable
-from fvi_cli.integrator.observations.second_runs import dense_motion
 from fvi_cli.integrator.results.observed import Observed
-from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 
 
@@ -64,6 +62,7 @@ def integrate_requested(
     found: list[Pair] = []
     for scene, n_steps, request in zip(scenes, steps, requests, strict=True):
         impacts: Mapping[str, Array] = {}
+        rests_on = ""
         if not request.impacts or not isinstance(method, Method):
             run = integrate(
                 scene,
@@ -74,7 +73,7 @@ def integrate_requested(
                 with_steps=with_steps,
             )
         elif isinstance(n_steps, int):
-            run, impacts = integrate_with_impacts(
+            run, impacts, rests_on = integrate_with_impacts(
                 scene,
                 method,
                 n_steps,
@@ -85,7 +84,9 @@ def integrate_requested(
         else:
             raise ValueError("impacts: steps are cut where these are; give a number of steps")
         if is_observed:
-            found += observe_members([scene], method, [run], [request], impacts=impacts)
+            found += observe_members(
+                [scene], method, [run], [request], impacts=impacts, rests_on=rests_on
+            )
         else:
             found.append((run, run))
     return found
@@ -98,13 +99,15 @@ def observe_members(
     requests: Sequence[Observations],
     *,
     impacts: Mapping[str, Array] = MappingProxyType({}),
+    rests_on: str = "",
 ) -> list[Pair]:
     """Requested outputs of finished runs by one method, all at once.
 
     Each run gives a pair: the run on its mesh, up to an event that ended it, and the run at the
     requested times with its outputs, bit for bit as by itself. Formulas and the directions of
     events are those of the first member; values of the names in them are each member's own.
-    `impacts` are the times of impacts of the first member by name, and are reported like events.
+    `impacts` are the times of impacts of the first member by name, and are reported like events;
+    `rests_on` is the surface that ended its run.
 
     Raises
     ------
@@ -131,28 +134,14 @@ def observe_members(
         count = 0 if scene.prescribed is None else len(dampers_of(scene))
         groups.setdefault(count, []).append(index)
     for members in groups.values():
-        motion = dense_motion(
-            [scenes[k] for k in members],
-            method,
-            [steps[k] for k in members],
-            # the motion is evaluated where it meets a surface, too
-            None if impacts else _chosen(requests, steps, members),
+        own = [scenes[k] for k in members]
+        runs_on = [steps[k] for k in members]
+        motion = DenseMotion(
+            scenes=tuple(own),
+            steps=tuple(runs_on),
+            find_forces=partial(forces_along, own, method, runs_on),
         )
         observer = Observer(motion, [requests[k] for k in members])
         runs = [trajectories[k] for k in members]
-        found.update(zip(members, observer.observe(runs, impacts), strict=True))
+        found.update(zip(members, observer.observe(runs, impacts, rests_on), strict=True))
     return [found[index] for index in range(len(trajectories))]
-
-
-def _chosen(
-    requests: Sequence[Observations], runs: Sequence[RunSteps], members: Sequence[int]
-) -> list[Places] | None:
-    """The steps of some runs in which times of output lie; None: others are looked at as well."""
-    found: list[Places] = []
-    known: Located = {}
-    for request, run in ((requests[member], runs[member]) for member in members):
-        if request.times is None or request.quantities or request.events:
-            return None
-        times = request.times[request.times <= float(run.time[-1]) * (1.0 + 1e-12)]
-        found.append(np.unique(located_once(known, run, times)[0]))
-    return found

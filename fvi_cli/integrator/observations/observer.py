@@ -12,10 +12,8 @@ import numpy as np
 from fvi_cli.integrator.observations.dampers import (
     DampersAlong,
     DamperValue,
+    check_forces,
     damper_values,
-    is_separable,
-    loses_by_dampers,
-    rough_dampers,
 )
 from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.motion import DenseMotion
@@ -23,7 +21,6 @@ from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.observations.request import Event, Observations
 from fvi_cli.integrator.observations.search import event_places, extents_of
 from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
-from fvi_cli.integrator.run.regular import rough_remark
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
@@ -45,14 +42,16 @@ class Observer:
         if all(one == constants[0] for one in constants):
             constants = constants[:1]
         variables = partial(self.variables, expression)
-        return FormulaAlong(expression, variables, constants, self.motion.owner)
+        starts = partial(self.variables, expression, is_start=True)
+        return FormulaAlong(expression, variables, constants, self.motion.owner, starts)
 
     def variables(
-        self, expression: Expression, steps: Places, tau: Array
+        self, expression: Expression, steps: Places, tau: Array, *, is_start: bool = False
     ) -> dict[str, Array | float]:
         """The variables of an expression at places, except the parameters.
 
-        Steps and places are ``(n,)`` both, or ``(n, 1)`` and ``(n, k)``.
+        Steps and places are ``(n,)`` both, or ``(n, 1)`` and ``(n, k)``. At the start of runs
+        velocities may be those that are given.
         """
         motion, names, values = self.motion, expression.names, dict[str, Array | float]()
         flat = np.broadcast_to(steps, tau.shape).ravel(), tau.ravel()
@@ -63,7 +62,13 @@ class Observer:
                 continue
             if prefix not in columns:
                 if prefix in sources:
+                    for scene in motion.scenes:
+                        check_forces(scene, name)
                     columns[prefix] = sources[prefix](*flat).reshape(*tau.shape, -1)
+                elif is_start and prefix:
+                    owners = motion.owner[steps].tolist()
+                    given = [motion.scenes[k].initial_velocity for k in owners]
+                    columns[prefix] = np.array(given)
                 else:
                     find = motion.velocity if prefix else motion.position
                     columns[prefix] = find(steps, tau)
@@ -91,23 +96,22 @@ class Observer:
         return found
 
     def observe(
-        self, trajectories: Sequence[Trajectory], impacts: Mapping[str, Array]
+        self, trajectories: Sequence[Trajectory], impacts: Mapping[str, Array], rests_on: str
     ) -> list[Pair]:
         """Requested outputs of each run, as :func:`observe_members`."""
         motion = self.motion
-        remarks = motion.remarks or [""] * len(trajectories)
         members = [
-            _Member(run, float(steps.time[-1]), [one] if one else [])
-            for run, steps, one in zip(trajectories, motion.steps, remarks, strict=True)
+            _Member(run, float(steps.time[-1]), [])
+            for run, steps in zip(trajectories, motion.steps, strict=True)
         ]
         for name, event in (self._first.events or {}).items():
             self._find(name, event, members)
+        members[0].stopped_by = rests_on
         for name, time in impacts.items():
             found = self._occurrences(*motion.located(0, time))
             members[0].events[name] = replace(found, time=time)
         at = []
         for index, one in enumerate(members):
-            one.remarks += self._rough_dampers(index)
             self._stop(index, one)
             wanted = self.requests[index].times
             times = one.run.time if wanted is None else wanted
@@ -132,22 +136,15 @@ class Observer:
         ]
 
     def _find(self, name: str, event: Event, members: Sequence[_Member]) -> None:
-        """Add the occurrences of an event to every member, with a remark if some may be missing."""
+        """Add the occurrences of an event to every member."""
         motion = self.motion
         counts = [one.n_steps for one in motion.steps]
-        step, place, lost = event_places(self.along(event.when), counts, event.direction)
+        step, place = event_places(self.along(event.when), counts, event.direction)
         found = self._occurrences(step, place)
         edges = np.searchsorted(step, motion.firsts[1:-1])
         parts = (np.split(one, edges) for one in (found.time, found.position, found.velocity))
         for one, time, position, velocity in zip(members, *parts, strict=True):
             one.events[name] = Occurrences(time=time, position=position, velocity=velocity)
-        for member, since in lost.items():
-            first = int(motion.firsts[member])
-            at = motion.time(np.array([first + int(since)]), np.array([since % 1.0]))
-            members[member].remarks.append(
-                f"events.{name}: {event.when.text} changes too fast to find every change of its "
-                f"sign from t = {at[0]:.6g} on; some of these times may be missing"
-            )
 
     def _occurrences(self, steps: Places, tau: Array) -> Occurrences:
         motion = self.motion
@@ -163,7 +160,7 @@ class Observer:
             times = member.events[name].time
             if event.stop and times.size and times[0] < member.end:
                 member.end, member.stopped_by = float(times[0]), name
-        if not member.stopped_by:
+        if member.end == self.motion.steps[index].time[-1]:
             return
         run, end = member.run, member.end
         member.remarks.append(f"stopped by the event {member.stopped_by} at t = {end:.10g}")
@@ -190,30 +187,6 @@ class Observer:
             message="",
             diagnostics=None,
         )
-
-    def _rough_dampers(self, index: int) -> list[str]:
-        """Remarks on single dampers that keep the error of the first step, or begin infinite."""
-        scene, request = self.motion.scenes[index], self.requests[index]
-        rough = rough_dampers(scene)
-        if not rough:
-            return []
-        formulas = [*(request.quantities or {}).values()]
-        formulas += [one.when for one in (request.events or {}).values()]
-        used = frozenset[str]().union(*(one.names for one in formulas))
-        found = []
-        for name, one in damper_values(scene).items():
-            if name not in used or one.place not in rough or one.kind == "deformation":
-                continue
-            is_known = is_separable(scene)
-            if one.kind == "force":
-                found.append(
-                    f"{name} is infinite at t = 0, and with it its peak; its rms is not known"
-                )
-            else:
-                is_known = len(rough) == 1 and loses_by_dampers(scene, self.motion.steps[index])
-            if not is_known:
-                found.append(rough_remark(scene, f"{name} keeps"))
-        return found
 
 
 @dataclass(eq=False)

@@ -62,8 +62,6 @@ class Pieces:
     end: Array
     values: Array  # at the Chebyshev points of the second kind, (n, POINTS)
     coefficients: Array  # of the Chebyshev polynomials, (n, POINTS)
-    # step and place in it as one number, from which on features may be missed
-    lost: tuple[float, ...] = ()
 
     @property
     def middle(self) -> Array:
@@ -134,7 +132,6 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
     part = np.repeat(np.arange(len(parts)), sizes)
     begin, end = np.zeros(step.size), np.ones(step.size)
     end[np.cumsum(sizes) - 1] = [one.end for one in parts]
-    lost: list[float] = []
     done: list[tuple[NDArray[np.generic], ...]] = []
     depth = 0
     while step.size:
@@ -147,8 +144,6 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
                 for one in parts:
                     yield from _divided([one], criterion)
                 return
-            at = int(np.flatnonzero(rough)[0])
-            lost.append(float(step[at] + begin[at]))
             # of these pieces only the ends are used
             coefficients[rough] = np.eye(POINTS)[0]
             rough[:] = False
@@ -162,9 +157,7 @@ def _divided(parts: Sequence[StepPart], criterion: Criterion) -> Iterator[Pieces
     columns = [np.concatenate(one) for one in zip(*done, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
     step, begin, end, values, coefficients = (one[order] for one in columns)
-    yield Pieces(
-        step=step, begin=begin, end=end, values=values, coefficients=coefficients, lost=tuple(lost)
-    )
+    yield Pieces(step=step, begin=begin, end=end, values=values, coefficients=coefficients)
 
 
 def by_owner(owner: Places, steps: Places, count: int) -> list[tuple[int, Places | slice]]:

@@ -18,14 +18,13 @@ from fvi_cli.mathematics.brackets import bracketed_roots
 
 def event_places(
     along: FormulaAlong, members: Sequence[int], direction: str
-) -> tuple[Places, Array, dict[int, float]]:
+) -> tuple[Places, Array]:
     """Step and place in it of every change of sign, in the order of steps.
 
     `members` are the numbers of steps of the members; directions are ``any``, ``rising`` and
-    ``falling``. The mapping has the members for which changes may be missing, with the step from
-    which on, and the place in it as a fraction. Between neighbours among ends and extremes there is
-    at most one root, so that both roots of a step with two are found. If the value is zero at an
-    end, or changes its sign from one step to the next, the root is there.
+    ``falling``. Between neighbours among ends and extremes there is at most one root, so that both
+    roots of a step with two are found. If the value is zero at an end, or changes its sign from one
+    step to the next, the root is there.
     """
     firsts = np.append(0, np.cumsum(members))
     owner = np.repeat(np.arange(len(members)), members)
@@ -33,11 +32,7 @@ def event_places(
     steps, places = [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
     last: tuple[Places, Array, Array] = (steps[0], places[0], places[0])
     are_inside, brackets = [np.zeros(0, dtype=bool)], [np.zeros((4, 0))]
-    lost: dict[int, float] = {}
     for found in pieces_of(parts, Isolated(along)):
-        for since in found.lost:
-            member = int(owner[int(since)])
-            lost[member] = min(lost.get(member, math.inf), since - float(firsts[member]))
         own = found.stations(along, found.reach >= np.abs(found.middle))
         _zero_at_starts(along, firsts, *own)
         step, place, value = (np.concatenate(pair) for pair in zip(last, own, strict=True))
@@ -61,7 +56,7 @@ def event_places(
     at, root, inside = (np.concatenate(one) for one in (steps, places, are_inside))
     if inside.any():
         root[inside] = bracketed_roots(along, at[inside], *np.concatenate(brackets, axis=1))
-    return at, root, lost
+    return at, root
 
 
 def _zero_at_starts(
@@ -71,7 +66,7 @@ def _zero_at_starts(
     at = np.flatnonzero(place == 0.0)
     at = at[firsts[np.searchsorted(firsts, step[at], side="right") - 1] == step[at]]
     if at.size:
-        value[at[np.abs(value[at]) <= along.round_off(step[at], place[at])]] = 0.0
+        value[at[along.starts_with_zero(step[at])]] = 0.0
 
 
 class Fall(NamedTuple):

@@ -11,11 +11,11 @@ import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
@@ -90,10 +90,25 @@ class RunSteps:
         slopes = lobatto_basis(self.tables.degree).derivatives(tau)[1:]
         return np.asarray(np.einsum("sk,ksd->kd", slopes, self.unknowns[steps]))
 
-    def located(self, time: ArrayLike, *, at_ends: bool = False) -> tuple[Places, Array]:
+    def momenta_of_polynomials(self, scene: Scene) -> Array:
+        r"""Momenta at the points from the velocities at the ends of the steps, ``(n + 1, d)``.
+
+        Where a velocity is like :math:`t^{2 - \gamma}`, the momenta of Gauss methods keep an error
+        like :math:`\tau^{2 - \gamma}` of the first step :math:`\tau`, since their stability
+        function has the size 1 at infinity; the polynomials do not have it.
+        """
+        slopes = lobatto_basis(self.tables.degree).derivatives([1.0])[1:, 0]
+        velocity = np.einsum("s,nsd->nd", slopes, self.unknowns)
+        found = self.momentum.copy()
+        found[1:] = scene.momentum(self.position[1:], velocity, self.time[1:])
+        if self.jump is not None:
+            found[1:] += self.jump[1:]
+        return found
+
+    def located(self, time: ArrayLike) -> tuple[Places, Array]:
         """Step of every time, and its place in [0, 1] there, as flat arrays.
 
-        A point of the mesh is the beginning of a step, or with `at_ends` the end of one.
+        A point of the mesh is the end of a step.
 
         Raises
         ------
@@ -109,8 +124,7 @@ class RunSteps:
                 f"time: {span} is not allowed; the run goes from "
                 f"{self.time[0]:g} to {self.time[-1]:g}"
             )
-        side: Literal["left", "right"] = "left" if at_ends else "right"
-        steps = np.clip(np.searchsorted(self.time, flat, side=side) - 1, 0, self.n_steps - 1)
+        steps = np.clip(np.searchsorted(self.time, flat) - 1, 0, self.n_steps - 1)
         tau = np.clip((flat - self.time[steps]) / self.step_size[steps], 0.0, 1.0)
         # a point of the mesh is met exactly, whatever the last digit of the step size
         return steps, np.where(flat == self.time[steps + 1], 1.0, tau)
@@ -151,9 +165,9 @@ Located = dict[tuple[bytes, ...], tuple[Places, Array]]
 
 
 def located_once(known: Located, run: RunSteps, time: Array) -> tuple[Places, Array]:
-    """As :meth:`RunSteps.located` at ends; members of a batch have one mesh and the same times."""
+    """As :meth:`RunSteps.located`; members of a batch have one mesh and the same times."""
     key = run.time.tobytes(), run.step_size.tobytes(), time.tobytes()
     if key not in known:
         known.clear()
-        known[key] = run.located(time, at_ends=True)
+        known[key] = run.located(time)
     return known[key]

@@ -20,8 +20,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
 from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.regular import has_rough_momenta, keeps_for_momenta
-from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
+from fvi_cli.integrator.run.scenes_run import ScenesRun, has_rough_momenta, trajectory_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
@@ -169,14 +168,11 @@ def integrate_scenes(
         If there is no room for the points that are kept.
     """
     began, first = clock.perf_counter(), scenes[0]
-    keeps = with_steps or not diagnostics.is_empty
+    keeps = with_steps or not diagnostics.is_empty or has_rough_momenta(first, method)
     if isinstance(steps, Mesh):
         _check_mesh(steps, first)
         # a run without memory for its points fails here: later, a library may end the process
         np.empty((steps.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
-        keeps |= keeps_for_momenta(first, method, steps.n_steps)
-    else:
-        keeps |= has_rough_momenta(first, method)
     this = prepare(scenes, method, steps, every=every, with_steps=keeps, most=most, engine=engine)
     this.begin()
     ready = clock.perf_counter()

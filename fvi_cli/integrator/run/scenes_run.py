@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time as clock
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,14 +13,13 @@ from fvi_cli.integrator.balances.balance import diagnose_run
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
-from fvi_cli.integrator.results.momenta import smooth_momenta
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import Source
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.regular import has_rough_momenta, rough_remarks
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import least_scaled_eigenvalue
@@ -55,6 +54,11 @@ class ScenesRun:
         self.recorder.begin(0.0, position, momentum)
 
 
+def has_rough_momenta(scene: Scene, method: Method) -> bool:
+    """Whether momenta keep an error of the first step: velocities begin like a power of t."""
+    return method.cq == "gauss" and scene.acts_above_order_1 and bool(scene.initial_loads)
+
+
 def trajectory_of(
     this: ScenesRun,
     index: int,
@@ -71,18 +75,16 @@ def trajectory_of(
     `seconds` are those before the steps, and those of the steps. For a run with impacts the steps
     are given, `bounced`, with their momenta, and the number of steps that were not cut.
     """
-    scene, method, recorder = this.engine.scenes[index], this.engine.method, this.recorder
+    scene, recorder = this.engine.scenes[index], this.recorder
     time, position, momentum = recorder.points(index)
     failure = recorder.failures.get(index)
     steps = recorder.steps(index) if recorder.with_steps else None
     remarks = this.remarks
     if bounced is not None:
         steps, momentum = bounced, bounced.momentum
-    elif has_rough_momenta(scene, method):
-        if steps is not None:
-            every_momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
-            momentum = every_momentum[np.searchsorted(steps.time, time)]
-        remarks += rough_remarks(scene, diagnostics, are_stored_smooth=steps is not None)
+    elif steps is not None and has_rough_momenta(scene, this.engine.method):
+        steps = replace(steps, momentum=steps.momenta_of_polynomials(scene))
+        momentum = steps.momentum[np.searchsorted(steps.time, time)]
     energy, end, irregular = _energies(scene, time, position, momentum)
     if irregular is not None:
         failure = irregular

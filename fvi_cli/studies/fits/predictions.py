@@ -16,11 +16,10 @@ from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.dampers import damper_values, dampers_of
+from fvi_cli.integrator.observations.dampers import damper_values, dampers_of, forces_along
 from fvi_cli.integrator.observations.motion import DenseMotion
 from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.observations.request import Observations, known_names
-from fvi_cli.integrator.observations.second_runs import forces_along
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.registry import build_problem
@@ -92,8 +91,7 @@ def _predict_prescribed(
         motion = DenseMotion(
             scenes=(of,),
             steps=(run,),
-            shapes=(run,),
-            find_forces=partial(forces_along, [of], [METHOD], [run]),
+            find_forces=partial(forces_along, [of], METHOD, [run]),
         )
         found = []
         for one in data.series:

@@ -56,7 +56,9 @@ def test_the_works_on_all_dampers_are_the_energy_that_is_lost(run):
     found = run.observed.quantities
     total = found["w1"] + found["w2"] + found["w3"]
     assert abs(total[0]) < 1e-15
-    assert run.energy[0] - run.energy == pytest.approx(total, abs=1e-9)
+    # at points of the mesh, and between them
+    assert run.energy[0] - run.energy[::5] == pytest.approx(total[::5], abs=1e-9)
+    assert run.energy[0] - run.energy == pytest.approx(total, abs=5e-6)
     # a law gives back some of what it has stored, a dashpot nothing
     assert np.diff(found["w3"]).min() < -1e-4
     assert np.diff(found["w2"]).min() >= 0.0

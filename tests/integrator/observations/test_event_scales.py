@@ -93,7 +93,7 @@ def _check(seed: int) -> None:
     n_steps = int(final_time * 10.0 ** rng.uniform(0.2, 1.3))
     run = fvi.integrate(
         spring(T=final_time, m=1.0, k=1.0, x=1.0),
-        "gauss6",
+        "gauss12",
         n_steps,
         events={"e": {"when": when, "direction": direction}},
     )
@@ -127,14 +127,6 @@ def test_a_stroboscope_is_complete_under_a_tolerance(rate):
     found = run.observed.events["e"].time
     assert found.size == expected.size
     assert np.abs(found - expected).max() < 1e-11
-
-
-def test_what_cannot_be_found_is_said():
-    run = fvi.integrate(
-        spring(T=20.0, m=1.0, k=1.0, x=1.0), "gauss4", 40, events={"e": "sin(1e7*t)"}
-    )
-    (remark,) = run.remarks
-    assert remark.startswith("events.e: sin(1e7*t) changes too fast to find every change")
 
 
 def test_a_value_that_is_zero_but_for_round_off_costs_little(monkeypatch):

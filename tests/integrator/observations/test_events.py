@@ -15,7 +15,7 @@ SCENE = spring(T=20.0, m=1.0, k=1.0, x=1.0)
 
 
 def _events(events: dict[str, object], n_steps: int = 40) -> fvi.Trajectory:
-    return fvi.integrate(SCENE, "gauss6", n_steps, events=events)
+    return fvi.integrate(SCENE, "gauss12", n_steps, events=events)
 
 
 def test_crossings_of_a_cosine():
@@ -45,7 +45,7 @@ def test_none_is_lost_where_a_step_has_two(gap):
     tops = 2 * np.pi * np.arange(1, 4)
     expected = np.sort(np.concatenate([[half], tops - half, tops + half]))
     assert run.observed.events["near"].time.size == expected.size
-    fine = fvi.integrate(SCENE, "gauss6", 60, events={"near": f"x - {1 - gap!r}"})
+    fine = fvi.integrate(SCENE, "gauss12", 60, events={"near": f"x - {1 - gap!r}"})
     assert np.abs(fine.observed.events["near"].time - expected).max() < 1e-12 / np.sqrt(gap) + 1e-9
 
 
@@ -57,8 +57,7 @@ def test_places_are_roots_to_round_off_of_the_step():
         return {"t": tau, **{name: roots[step, k] for k, name in enumerate("abc")}}
 
     formula = Expression.parse("(t - a)*(t - b)*(t - c)", variables=("t", *"abc"))
-    step, place, lost = event_places(FormulaAlong(formula, variables), [200], "any")
-    assert lost == {}
+    step, place = event_places(FormulaAlong(formula, variables), [200], "any")
     apart = np.diff(roots, axis=1).min(axis=1) > 1e-3
     for index in np.flatnonzero(apart):
         own = place[step == index]
@@ -76,7 +75,7 @@ def test_a_touch_is_no_crossing_and_a_root_at_a_mesh_point_is_one():
 def test_the_run_ends_at_an_event():
     run = fvi.integrate(
         SCENE,
-        "gauss6",
+        "gauss12",
         40,
         events={"stop": {"when": "x + 0.5", "stop": True}, "zero": "x"},
         quantities={"v": "vx"},
@@ -91,10 +90,10 @@ def test_the_run_ends_at_an_event():
 
 
 def test_peaks_lie_between_the_points():
-    run = fvi.integrate(SCENE, "gauss6", 23, quantities={"x": "x - 0.25", "mixed": "x*vx"})
+    run = fvi.integrate(SCENE, "gauss12", 23, quantities={"x": "x - 0.25", "mixed": "x*vx"})
     one = run.observed.extents["x"]
     assert one.peak == pytest.approx(1.25, abs=1e-10)
-    assert one.peak_time == pytest.approx(np.pi, abs=1e-5)
+    assert one.peak_time % (2 * np.pi) == pytest.approx(np.pi, abs=1e-5)
     assert (one.least, one.greatest) == (pytest.approx(-1.25, abs=1e-9), pytest.approx(0.75))
     mean_square = 0.5 + 0.0625 + np.sin(40.0) / 80 - 0.5 * np.sin(20.0) / 20
     assert one.rms == pytest.approx(np.sqrt(mean_square), rel=1e-8)

@@ -16,7 +16,6 @@ from spread import few_of
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.motion import DenseMotion
 
 Array = NDArray[np.float64]
 Terms = tuple[tuple[float, float], ...]
@@ -105,23 +104,6 @@ def test_velocities_and_their_extents_from_the_start_on(seed):
     wrong = np.array([extent.least, extent.greatest, extent.rms]) - of_extents(scene, known)
     assert np.abs(wrong / known.scale()[1][0]).max() < 1e-4
     assert np.abs(wrong[:2] / known.scale()[1][0]).max() < max(most, 1e-6)
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("seed", [0, 2, 4, 8])
-def test_differences_of_positions_are_seen(seed, monkeypatch):
-    # the control: mean velocities of short steps from positions, which are round-off
-    def differences(motion: DenseMotion) -> Array:
-        found, steps = gaps(motion), motion.steps[0]
-        mean = np.diff(steps.position, axis=0) / steps.step_size[:, None]
-        found[0] = mean - motion.shapes[0].unknowns[:, -1]
-        return found
-
-    gaps = DenseMotion._gaps
-    monkeypatch.setattr(DenseMotion, "_gaps", differences)
-    scene, terms = drawn(seed)
-    run = fvi.integrate(scene, "gauss6-graded", 98, output=TIMES, quantities={"v": "vx"})
-    assert off_by(run.observed.quantities["v"], scene, terms, oracle(scene, terms)) > 1e-4
 
 
 @pytest.mark.few(1)

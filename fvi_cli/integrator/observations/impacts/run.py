@@ -21,20 +21,15 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts.bouncing import Bouncing
 from fvi_cli.integrator.observations.impacts.surface import (
     Surface,
-    is_rough_behind_impacts,
     start_objection,
 )
 from fvi_cli.integrator.observations.request import Impact
-from fvi_cli.integrator.results.momenta import smooth_momenta
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.adaptive import MOST_SHORTEST
-from fvi_cli.integrator.run.points import MeshSource
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.trajectory import Trajectory
@@ -49,13 +44,13 @@ def integrate_with_impacts(
     *,
     coordinates: Sequence[str],
     parameters: Mapping[str, float],
-) -> tuple[Trajectory, dict[str, Array]]:
+) -> tuple[Trajectory, dict[str, Array], str]:
     """Integrate a scene with surfaces that it bounces off, by a Runge-Kutta method.
 
     Steps are T / N long, and shorter after the start, break points and impacts.
 
-    All ends of steps are reported; the times of the impacts are returned by name. Endless rebounds
-    end the run at the time to which they converge, with a remark.
+    All ends of steps are reported; the times of the impacts are returned by name, and the surface
+    on which the motion came to rest, with a remark: there the run ends.
 
     Raises
     ------
@@ -82,10 +77,10 @@ def integrate_with_impacts(
         # the run may have stopped before the push
         momentum[point : point + 1] += push
     steps = replace(steps, momentum=momentum, jump=jump if jump.any() else None)
-    if is_rough_behind_impacts(scene):
-        momentum = smooth_momenta(steps, scene.momentum, scene.break_points)
-        steps = replace(steps, momentum=momentum)
-    this.remarks = (source.rest,) if source.rest else ()
+    if jump.any() and scene.acts_above_order_1:
+        steps = replace(steps, momentum=steps.momenta_of_polynomials(scene))
+    if source.rests_on:
+        this.remarks = (f"at rest from t = {steps.time[-1]:.10g}",)
     trajectory = trajectory_of(
         this,
         0,
@@ -96,36 +91,8 @@ def integrate_with_impacts(
         bounced=steps,
         n_steps=n_steps,
     )
-    return trajectory, {name: np.array(times) for name, times in source.times.items()}
-
-
-def replayed(scene: Scene, method: Method, steps: RunSteps) -> RunSteps | None:
-    """The steps of a run with impacts by another method: the same sizes and pushes."""
-    engine = _engine(scene, method)
-    jumps = np.zeros_like(steps.momentum) if steps.jump is None else steps.jump
-    source = _Replay(scene, steps, jumps)
-    this = ScenesRun(engine, source, Recorder(engine, with_steps=True))
-    this.begin()
-    this.march()
-    if this.recorder.failures:
-        return None
-    return replace(this.recorder.steps(0), jump=jumps)
-
-
-class _Replay(MeshSource):
-    """The steps of another run, with the same pushes."""
-
-    def __init__(self, scene: Scene, steps: RunSteps, jumps: Array) -> None:
-        pushed = np.flatnonzero(jumps.any(axis=1)).tolist()
-        self._pushes = {float(steps.time[k]): jumps[k] for k in pushed}
-        super().__init__(steps.mesh((*scene.break_points, *self._pushes)))
-
-    def judge(self, engine: Engine, state: State, steps: Steps) -> float:
-        """The time at the end of a step; adds the push there."""
-        end = self.accept(steps.count)
-        if (push := self._pushes.get(end)) is not None:
-            steps.dp = steps.dp + engine.member_forces([push])[:, None]
-        return end
+    times = {name: np.array(times) for name, times in source.times.items()}
+    return trajectory, times, source.rests_on
 
 
 def _engine(scene: Scene, method: Method) -> Engine:

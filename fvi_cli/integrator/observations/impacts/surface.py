@@ -55,16 +55,6 @@ class Surface:
         return ROUND_OFF * size
 
 
-@dataclass(frozen=True)
-class Contact:
-    """A surface that the motion is on."""
-
-    time: float  # beginning of the contact
-    slack: float  # size of the gap then, or its round-off
-    speed: float  # rate at which the gap began to grow
-    pace: float  # sum of the sizes of the terms of this rate
-
-
 def start_objection(scene: Scene, surface: Surface) -> str:
     """Why a motion cannot begin where it does, with what to write; empty if it can."""
     begin, velocity = scene.initial_position, scene.initial_velocity
@@ -87,12 +77,6 @@ def start_objection(scene: Scene, surface: Surface) -> str:
             "surface and moves through it; give the velocity behind the impact"
         )
     return ""
-
-
-def is_rough_behind_impacts(scene: Scene) -> bool:
-    """Whether the velocity after an impact has a fractional power of the time below 1."""
-    power = power_behind_impact(scene)
-    return power is not None and power < 2.0
 
 
 def power_behind_impact(scene: Scene) -> float | None:
