@@ -136,9 +136,9 @@ def response(random: Random, words: list[str]) -> Claims:
     is_coupled = structure.mass[0, -1] != 0
     at, name = int(random.integers(d)) if is_coupled else 0, "x" if d == 1 else "x1"
     output = "x" if d == 1 else f"x{at + 1}"
-    over = f"frequency={start!r}:{stop!r}:{number}"
-    repeat(words, config, "response", "--over", over, "--force", name, "--at", output)
-    (table,) = fvi.response(config, over=over, force=[name], at=[output])
+    frequency = f"{start!r}:{stop!r}:{number}"
+    repeat(words, config, "response", "--frequency", frequency, "--force", name, "--at", output)
+    (table,) = fvi.response(config, frequency=frequency, force=[name], at=[output])
     unit = units.lengths[at] * units.lengths[0] / units.energy
 
     def magnitude(w: Array) -> Array:

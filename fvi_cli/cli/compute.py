@@ -149,18 +149,17 @@ def modes(
     *CONFIGURED,
     *DRAWN,
     "check",
-    examples="fvi response ten-storeys --over frequency=0.2:8:400 --force ground --at 'x10 - x9'",
+    examples="fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",
 )
 def response(
     call: Call,
     configs: Configs,
-    over: Annotated[
+    frequency: Annotated[
         str,
         typer.Option(
-            "--over",
-            metavar="frequency=FROM:TO:NUMBER[:log]",
-            help="Frequencies in oscillations per unit of time, Hz for seconds, as in "
-            "frequency=0.2:8:400.",
+            "--frequency",
+            metavar="FROM:TO:N[:log]",
+            help="Frequencies in oscillations per unit of time, Hz for seconds, as in 0.2:8:400.",
         ),
     ],
     force: Annotated[
@@ -186,8 +185,9 @@ def response(
     from fvi_cli.runner.vibration import frequencies, linear_tasks
     from fvi_cli.runner.vibration import response as compute_response
 
-    # report mistakes in `over` before configurations are read
-    frequencies(over)
+    # report mistakes in it before configurations are read
+    frequencies(frequency)
     call.gather(configs)
     tasks = functools.partial(linear_tasks, action="response")
-    return call.each(compute_response, tasks=tasks, over=over, force=force or (), at=at or ())
+    options = {"frequency": frequency, "force": force or (), "at": at or ()}
+    return call.each(compute_response, tasks=tasks, **options)

@@ -30,7 +30,7 @@ _logger = logging.getLogger(__name__)
 
 USUAL_COUNT = 10
 MOST_FREQUENCIES = 100_000
-_FORM = "it must be frequency=FROM:TO:NUMBER[:log], such as frequency=0.2:8:400"
+_FORM = "it must be FROM:TO:N[:log], such as 0.2:8:400"
 
 
 def linear_scenes(request: Request) -> Iterator[tuple[Subject, Problem]]:
@@ -126,33 +126,32 @@ def modes(
     return tables
 
 
-def frequencies(over: str) -> Array:
-    """Frequencies of a text such as ``frequency=0.1:20:400:log``, in oscillations per unit of time.
+def frequencies(text: str) -> Array:
+    """Frequencies of a text such as ``0.1:20:400:log``, in oscillations per unit of time.
 
     Raises
     ------
     RequestError
         For another form and numbers out of range.
     """
-    key, _, numbers = over.partition("=")
-    parts = numbers.split(":")
+    parts = text.split(":")
     is_log = len(parts) == 4 and parts[3] == "log"
-    if key.strip() != "frequency" or not (len(parts) == 3 or is_log):
-        raise RequestError(f"--over: {over!r} is not allowed; {_FORM}")
+    if not (len(parts) == 3 or is_log):
+        raise RequestError(f"--frequency: {text!r} is not allowed; {_FORM}")
     try:
         low, high, number = float(parts[0]), float(parts[1]), int(parts[2])
     except ValueError:
-        raise RequestError(f"--over: {over!r} is not allowed; {_FORM}") from None
+        raise RequestError(f"--frequency: {text!r} is not allowed; {_FORM}") from None
     if not (0 < low < high < math.inf and 3 <= number <= MOST_FREQUENCIES):
         raise RequestError(
-            f"--over: {over!r} is not allowed; 0 < FROM < TO, and 3 to {MOST_FREQUENCIES} "
+            f"--frequency: {text!r} is not allowed; 0 < FROM < TO, and 3 to {MOST_FREQUENCIES} "
             "frequencies"
         )
     return np.geomspace(low, high, number) if is_log else np.linspace(low, high, number)
 
 
 def response(
-    source: Source, *, over: str, force: Sequence[str] = (), at: Sequence[str] = ()
+    source: Source, *, frequency: str, force: Sequence[str] = (), at: Sequence[str] = ()
 ) -> list[ResponseTable]:
     """Steady responses of every experiment of a configuration, as ``fvi response`` computes them.
 
@@ -160,8 +159,8 @@ def response(
     ----------
     source
         As for :func:`load`.
-    over
-        Frequencies, ``frequency=FROM:TO:NUMBER``, or with ``:log`` at the end.
+    frequency
+        Frequencies, ``FROM:TO:N``, or with ``:log`` at the end.
     force
         Where harmonic forces of amplitude 1 act: coordinates, combinations of them such as
         ``x2 - x1``, or ``ground``; ``x1=2.5`` for another amplitude.
@@ -174,7 +173,7 @@ def response(
     RequestError
         For scenes that are not linear, and coordinates that do not exist.
     """
-    hertz = frequencies(over)
+    hertz = frequencies(frequency)
     tables = []
     for one, problem in linear_scenes(requested(source)):
         name, scene, coordinates = one.experiment.name, problem.scene, problem.coordinates

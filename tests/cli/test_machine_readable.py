@@ -45,7 +45,7 @@ def test_a_run_and_what_is_stored_of_it(tmp_path):
 
 REPORTS = {  # what each command is asked, a table of its document, and whether it can be checked
     ("modes", "sandwich-beam"): ("modes", True),
-    ("response", "sandwich-beam", "--over", "frequency=0.1:1:5", "--force", "x1"): ("peaks", True),
+    ("response", "sandwich-beam", "--frequency", "0.1:1:5", "--force", "x1"): ("peaks", True),
     ("stability", *QUICK): ("runs", True),
     ("convergence", *QUICK): ("runs", True),
     ("cost", *QUICK, "--set", "method={bdf: [1, 2]}", "--set", "claims={}"): ("runs", False),

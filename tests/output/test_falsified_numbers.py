@@ -42,7 +42,7 @@ def _modes() -> Report:
 
 def _response() -> Report:
     return response_report(
-        "chain", fvi.response(CONFIG, over="frequency=0.05:0.5:40", force=["x1"], at=["x1", "x2"])
+        "chain", fvi.response(CONFIG, frequency="0.05:0.5:40", force=["x1"], at=["x1", "x2"])
     )
 
 

@@ -5,7 +5,7 @@ import pytest
 
 import fvi_cli as fvi
 
-OVER = "frequency=0.3:5:40"
+FREQUENCY = "0.3:5:40"
 MASSES = (2.2, 2.0, 1.6)
 BUILDING = {
     "name": "tower",
@@ -35,7 +35,7 @@ BUILDING = {
 
 
 def amplitudes(*at, force=("ground",)):
-    (table,) = fvi.response(BUILDING, over=OVER, force=force, at=at)
+    (table,) = fvi.response(BUILDING, frequency=FREQUENCY, force=force, at=at)
     return 2j * np.pi * table.hertz, dict(zip(at, table.values.T, strict=True))
 
 
@@ -71,9 +71,9 @@ def test_outputs_are_what_their_names_say_at_every_frequency(ground):
 
 
 def test_peaks_of_accelerations_lie_where_those_are_largest():
-    (table,) = fvi.response(BUILDING, over="frequency=1:4:40", at=["x3", "acceleration_3"])
+    (table,) = fvi.response(BUILDING, frequency="1:4:40", at=["x3", "acceleration_3"])
     fine = np.linspace(1.0, 4.0, 6001)
-    (dense,) = fvi.response(BUILDING, over="frequency=1:4:6001", at=["x3", "acceleration_3"])
+    (dense,) = fvi.response(BUILDING, frequency="1:4:6001", at=["x3", "acceleration_3"])
     for index, name in enumerate(("x3", "acceleration_3")):
         (peak,) = (one for one in table.peaks if one.at == name)
         assert peak.hertz == pytest.approx(fine[dense.magnitude[:, index].argmax()], abs=1e-3)

@@ -248,8 +248,8 @@ def test_the_commands_from_three_exported_files(tmp_path):
         assert group["shape_real"].dims[1][0].name == "/beam/dof"
     assert (output / "figures" / "beam-modes.png").stat().st_size > 1000
     fvi("modes", config, "--count", "4", "-o", output, "--check", code=0)
-    over = f"frequency={0.5 * float(rows[0]['frequency_hz'])}:{float(rows[1]['frequency_hz'])}:20"
-    asked = ("response", config, "--over", over, "--force", "x13", "-o", output)
+    frequency = f"{0.5 * float(rows[0]['frequency_hz'])}:{float(rows[1]['frequency_hz'])}:20"
+    asked = ("response", config, "--frequency", frequency, "--force", "x13", "-o", output)
     told = fvi(*asked, code=0).stdout
     assert "Load: x13" in told
     assert (output / "tables" / "beam-response.csv").is_file()

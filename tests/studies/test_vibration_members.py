@@ -53,7 +53,7 @@ def test_modes_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
 
 def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     output = tmp_path / "out"
-    asked = ("--over", "frequency=0.1:0.4:31", "--force", "x1", "--at", "x2", "-o", output)
+    asked = ("--frequency", "0.1:0.4:31", "--force", "x1", "--at", "x2", "-o", output)
     fvi("response", swept, *asked, code=0)
     rows = rows_of(output / "tables" / "swept-response.csv")
     members = list(dict.fromkeys(row["member"] for row in rows))
@@ -61,7 +61,7 @@ def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     assert len(members) == 6
     peaks = rows_of(output / "tables" / "swept-response-peaks.csv")
     assert {row["member"] for row in peaks} == set(members)
-    tables = fvi_api.response(swept, over="frequency=0.1:0.4:31", force=["x1"], at=["x2"])
+    tables = fvi_api.response(swept, frequency="0.1:0.4:31", force=["x1"], at=["x2"])
     for table, member in zip(tables, members, strict=True):
         own = [float(row["magnitude"]) for row in rows if row["member"] == member]
         assert own == pytest.approx(table.magnitude[:, 0], rel=1e-12)
@@ -104,8 +104,8 @@ def test_modes_of_one_experiment_are_numbered_in_the_figure(swept, tmp_path):
 def test_half_power_widths_have_the_colours_of_their_curves(tmp_path):
     path = tmp_path / "one.yaml"
     path.write_text(configuration(problem(0.2), name="one", steps="16"))
-    over, at = "frequency=0.1:0.4:200", ["x1", "x2"]
-    figure = response_figure(fvi_api.response(path, over=over, force=["x1"], at=at))
+    frequency, at = "0.1:0.4:200", ["x1", "x2"]
+    figure = response_figure(fvi_api.response(path, frequency=frequency, force=["x1"], at=at))
     lines = [line for line in figure.axes[0].lines if line.get_gid() != "decoration"]
     curves, widths = lines[:2], lines[2:]
     assert len({width.get_color() for width in widths}) == 2
@@ -127,7 +127,7 @@ def test_many_members_have_the_colours_of_what_is_swept(tmp_path):
     swept = "\nsweep: {problem.damping.0.coefficient: {from: 0.05, to: 0.4, number: 8}}\n"
     path.write_text(configuration(problem(0.2), name="many", steps="16") + swept)
     modes = fvi_api.modes(path)
-    responses = fvi_api.response(path, over="frequency=0.1:0.4:31", force=["x1"], at=["x2"])
+    responses = fvi_api.response(path, frequency="0.1:0.4:31", force=["x1"], at=["x2"])
     for figure in (spectrum_figure(modes), response_figure(responses)):
         *panels, bar = figure.axes
         assert bar.get_xlabel().startswith("coefficient of the damping")
@@ -144,7 +144,7 @@ def test_tables_have_the_names_of_designs(tmp_path):
     path.write_text(configuration(problem(0.2), name="compared", steps="16") + designs)
     asked = {
         "modes": (),
-        "response": ("--over", "frequency=0.1:0.4:5", "--force", "x1"),
+        "response": ("--frequency", "0.1:0.4:5", "--force", "x1"),
         "stability": ("--no-observe",),
     }
     for command, further in asked.items():
