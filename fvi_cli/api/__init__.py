@@ -23,11 +23,10 @@ command             call
 ``fvi guide``       ``fvi_cli.config.guide_page``
 =================== ===========================================================================
 
-:func:`as_text` returns what a command prints of a result, :func:`write` writes the result to files,
-and :func:`compare` returns, as ``--check`` does, how stored files differ from it. Without a
-configuration, :func:`integrate` computes a :class:`Scene` by a :class:`Method` or its name,
-:func:`solve` computes it to a tolerance, and :func:`gradient` differentiates a number of its run
-with respect to its parameters.
+:func:`as_text` returns what a command prints of a result, and :func:`write` writes the result to
+files. Without a configuration, :func:`integrate` computes a :class:`Scene` by a :class:`Method` or
+its name, :func:`solve` computes it to a tolerance, and :func:`gradient` differentiates a number of
+its run with respect to its parameters.
 
 Examples
 --------

@@ -48,7 +48,6 @@ from fvi_cli.integrator.stability.prediction import predict_stability as predict
 from fvi_cli.integrator.trajectory import Assessment as Assessment
 from fvi_cli.integrator.trajectory import Trajectory as Trajectory
 from fvi_cli.render.results import as_text as as_text
-from fvi_cli.render.results import compare as compare
 from fvi_cli.render.results import figures as figures
 from fvi_cli.render.results import order_tables as order_tables
 from fvi_cli.render.results import quantities as quantities

@@ -185,21 +185,20 @@ class Call:
 
         `also` writes further files.
         """
-        from fvi_cli.render.results import compare, json_rows, show, write
+        from fvi_cli.render.results import compare, json_rows, summary_of, write
 
         name = None if request is None else request.name
         formats, paths = self.formats or (), list[Path]()
         if self.check:
             self.differences += compare(results, self.output, name=name)
         else:
-            paths = write(results, self.output, name=name, anew=self.fresh, formats=formats)
+            paths = write(results, self.output, name=name, formats=formats)
             paths += also()
         self.files += paths
         if self.json:
             self.collect(json_rows(results, name))
         elif not self.check:
-            show(results, name=name)
-            print("", *paths, "", sep="\n")
+            print(summary_of(results, name=name), "", *paths, "", sep="\n")
 
     def show_figures(self, drawn: Mapping[str, Figure]) -> None:
         """Write figures."""

@@ -8,7 +8,6 @@ from fractions import Fraction
 
 from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.reports.naming import key_in_words, key_label, with_unit
-from fvi_cli.reports.writers.equations import to_mathematics
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.members import Member, value_in_words
@@ -47,11 +46,6 @@ def typeset_sum(words: str) -> str:
         return words
     inner = re.sub(r"[A-Za-z]\w*", lambda found: typeset_name(found[0]).strip("$"), words)
     return f"${inner}$"
-
-
-def typeset_formulas(text: str) -> str:
-    r"""``$\sin(\omega\,t)$`` for ``sin(omega*t)``; words between formulas stay words."""
-    return "".join(f"${part}$" if maths else part for part, maths in to_mathematics(text))
 
 
 def load_in_words(load: str) -> str:

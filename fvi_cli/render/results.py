@@ -21,7 +21,6 @@ from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.kinds.vibration import mode_report, response_report
-from fvi_cli.reports.writers.text import show as show_blocks
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.plan import PlannedRun
@@ -165,9 +164,9 @@ def as_text(results: Results, *, name: str | None = None) -> str:
     return to_text(report_on(results, name).summary)
 
 
-def show(results: Results, *, name: str | None = None) -> None:
-    """Print the summary of the report on `results`; on a terminal within its width."""
-    show_blocks(report_on(results, name).summary)
+def summary_of(results: Results, *, name: str | None = None) -> str:
+    """The summary of the report on `results`."""
+    return to_text(report_on(results, name).summary)
 
 
 def report_on(results: Results, name: str | None = None) -> Report:
@@ -211,15 +210,13 @@ def write(
     output: Path | str,
     *,
     name: str | None = None,
-    anew: bool = False,
     formats: Sequence[str] = (),
 ) -> list[Path]:
     """Write tables and figures as the commands do, into folders of `output`; returns the paths.
 
     Of outcomes: the tables of ``fvi convergence`` and the figures of ``fvi plot``. Of everything
     else: what its command writes, of modes also their shapes, ``<name>-modes.h5``. Files begin with
-    `name`, by default that of the only experiment. Those that agree with what is stored are left as
-    they are, unless all are wanted `anew`. Pictures are PNG, or in these `formats`.
+    `name`, by default that of the only experiment. Pictures are PNG, or in these `formats`.
 
     Raises
     ------
@@ -233,7 +230,7 @@ def write(
         raise RequestError("plans and what a result file holds are not written")
     folder, title = Path(output), name or _only_name(found)
     drawn = kind.figures(title, found) if kind.figures else {}
-    paths = reports.write(folder / "tables", report_on(results, title), anew=anew)
+    paths = reports.write(folder / "tables", report_on(results, title))
     paths += write_figures(drawn, folder, formats=formats)
     return paths + kind.further(folder / title, found)
 

@@ -1,12 +1,11 @@
 """Results as tables: one description of a table, one file per kind of result, one writer per form.
 
-A kind of result (:mod:`fvi_cli.reports.kinds`) makes a :class:`Report` from its results. CSV, JSON,
-Markdown, LaTeX, the text on a terminal and the check of stored files are made from the report
-alone.
+A kind of result (:mod:`fvi_cli.reports.kinds`) makes a :class:`Report` from its results. CSV,
+Markdown, LaTeX, the text on a terminal and the check of stored rows are made from the report alone.
 """
 
-from fvi_cli.reports.compare import compare, missing, write
+from fvi_cli.reports.files import compare, write
 from fvi_cli.reports.table import Column, Report, Sheet, Within
 from fvi_cli.reports.writers import rendered
 
-__all__ = ["Column", "Report", "Sheet", "Within", "compare", "missing", "rendered", "write"]
+__all__ = ["Column", "Report", "Sheet", "Within", "compare", "rendered", "write"]

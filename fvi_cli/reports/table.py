@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 from operator import attrgetter, itemgetter
 from types import SimpleNamespace
-from typing import Any, TypeVar
+from typing import Any
 
 from fvi_cli.reports.document import Block, Grid
 
-T = TypeVar("T")
 Value = str | int | float | bool | None
 """An entry; None where there is none."""
 
@@ -45,7 +43,7 @@ SAME_NUMBER = Within(relative=1e-9)
 class Column:
     """One column of a sheet, or of a grid for people."""
 
-    name: str  # name in the CSV and JSON forms
+    name: str  # name in CSV and JSON
     meaning: str = ""  # description of its values, with their unit
     # heading for readers, and format of its numbers (as in :func:`format`, or a function of the
     # value); without a title the column is not shown
@@ -56,11 +54,6 @@ class Column:
     compared: Within | None = SAME_NUMBER
     missing: str = ""  # text for None in the CSV form
     is_extra: bool = False  # whether only the JSON form has it
-    # whether it belongs to the column before it: no grid may separate them
-    is_continuation: bool = False
-    # whether a stored value must equal the value computed from the stored rows
-    # (:attr:`Report.remake`)
-    follows: bool = False
     # how to get its value from the item of a row: a function, or a path of attributes; default: the
     # attribute with the name of the column
     get: str | Callable[[Any], Any] = ""
@@ -139,8 +132,6 @@ def pivot(
         header=(*corner, *(title for titles in headings.values() for title in titles)),
         rows=tuple(line(*one) for one in lines.items()),
         summary_rows=tuple(line(*one) for one in summary),
-        key_columns=len(corner),
-        groups=tuple(map(len, headings.values())),
         **layout,
     )
 
@@ -159,7 +150,7 @@ class Sheet:
     keys: tuple[str, ...]  # the columns that identify a row
     # from a stored and a new row to columns that are round-off there, and are not compared
     below_floor: Callable[[Row, Row], Container[str]] = _no_value
-    is_file: bool = True  # whether it has a CSV file; else only the JSON form has it
+    is_file: bool = True  # whether it has a CSV file
 
     @classmethod
     def of(
@@ -174,46 +165,18 @@ class Sheet:
         rows = rows_of(columns, items)
         return cls(name=name, columns=columns, rows=rows, keys=tuple(keys), **more)
 
-    def grid(self, *, text_columns: int = 1, key_columns: int = 1, name: str = "") -> Grid:
-        """The grid of the columns with a title, for readers."""
+    def grid(self, *, text_columns: int = 1) -> Grid:
+        """The grid of the columns with a title that have a value, for readers."""
         shown = [replace(c, get=itemgetter(c.name)) for c in self.columns if c.title]
-        groups: list[int] = []
-        for one in shown[key_columns:]:
-            if one.is_continuation and groups:
-                groups[-1] += 1
-            else:
-                groups.append(1)
-        layout = {"text_columns": text_columns, "key_columns": key_columns}
-        return grid_of(shown, self.rows, groups=tuple(groups), name=name, **layout)
+        filled = [
+            c for c in shown if not self.rows or any(not _is_empty(r[c.name]) for r in self.rows)
+        ]
+        left_out = sum(c not in filled for c in shown[:text_columns])
+        return grid_of(filled, self.rows, text_columns=text_columns - left_out)
 
 
-def with_stored(item: T, columns: Iterable[Column], row: Row, path: str) -> T:
-    """The part of an item at a path of attributes, with measured numbers from a stored row."""
-    for one in columns:
-        place = "" if callable(one.get) else one.get or one.name
-        if one.compared is not SAME_NUMBER and place.startswith(f"{path}."):
-            item = _with_value(item, place.removeprefix(f"{path}."), row[one.name])
-    return item
-
-
-def _with_value(item: Any, path: str, value: Value) -> Any:
-    name, _, inner = path.partition(".")
-    before = getattr(item, name)
-    if inner:
-        return replace(item, **{name: _with_value(before, inner, value)})
-    is_number = isinstance(before, float)
-    return replace(item, **{name: number_of(value) if is_number else value or type(before)()})
-
-
-Sheets = Mapping[str, Sheet]
-Words = tuple[Sequence[Block], Sequence[Block]]
-"""(Blocks for a terminal, all blocks)."""
-
-
-def alike(blocks: Iterable[Block]) -> Words:
-    """The same blocks for a terminal and for files."""
-    found = tuple(blocks)
-    return found, found
+def _is_empty(value: Value) -> bool:
+    return value is None or value == "" or (isinstance(value, float) and math.isnan(value))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,30 +184,13 @@ class Report:
     """The report on results of one kind: sheets of numbers, and words on them."""
 
     name: str  # files begin with it
-    sheets: tuple[Sheet, ...]  # the first is ``<name>.csv``, another one ``<name>-<sheet>.csv``
-    # from the sheets by their names to the blocks for a terminal and for files
-    words: Callable[[Sheets], Words]
-    # makes the report on other rows if more than its words depends on them
-    remake: Callable[[Sheets], Report] | None = None
-    # whether its numbers are measured times, which differ from run to run
-    is_timed: bool = False
+    # the first is ``<name>.csv``, another one that is a file ``<name>-<sheet>.csv``
+    sheets: tuple[Sheet, ...]
+    blocks: Sequence[Block]  # for Markdown and LaTeX
+    shown: Sequence[Block] = ()  # for a terminal; empty: all blocks
+    has_latex: bool = False  # whether it is written as LaTeX, too
 
     @property
     def summary(self) -> Sequence[Block]:
         """The blocks for a terminal."""
-        return self._words[0]
-
-    @property
-    def blocks(self) -> Sequence[Block]:
-        """All blocks, for Markdown and LaTeX."""
-        return self._words[1]
-
-    @cached_property
-    def _words(self) -> Words:
-        return self.words({one.name: one for one in self.sheets})
-
-    def on(self, sheets: Sequence[Sheet]) -> Report:
-        """The report on other rows; values that depend on them are computed again."""
-        if self.remake is not None:
-            return self.remake({one.name: one for one in sheets})
-        return replace(self, sheets=tuple(sheets))
+        return self.shown or self.blocks

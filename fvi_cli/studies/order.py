@@ -44,6 +44,9 @@ class OrderRow:
     status: Observed
     predicted: Predicted
     expected_order: float
+    seconds: float = math.nan
+    """Time of the steps."""
+    history_operations: int = 0
     message: str = ""
     remarks: tuple[str, ...] = ()
     """Events of the run and warnings, in words."""
@@ -67,23 +70,12 @@ class OrderCase:
     rows: tuple[OrderRow, ...]
     claim: float = math.nan
     """The order that the source of the experiment claims; nan where it claims none."""
-    expected_failure: bool = False
-    """Whether the configuration expects this method to fail here."""
 
     @functools.cached_property
-    def _line(self) -> tuple[float, float]:
-        used = [row for row in self.rows if row.used_in_fit]
-        return fit_slope([row.n_steps for row in used], [row.error for row in used])
-
-    @property
     def slope(self) -> float:
         """Least-squares slope of log(error) against log(h); nan with fewer than two rows."""
-        return self._line[0]
-
-    @property
-    def fit_residual(self) -> float:
-        """Root mean square of the residuals in log10(error)."""
-        return self._line[1]
+        used = [row for row in self.rows if row.used_in_fit]
+        return fit_slope([row.n_steps for row in used], [row.error for row in used])[0]
 
     def pairwise_order(self, index: int) -> float:
         """log(e_previous / e) / log(N / N_previous) of a row.
@@ -192,7 +184,6 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
                     method=method,
                     rows=tuple(map(_row, own)),
                     claim=math.nan if claim is None else claim,
-                    expected_failure=experiment.expects_failure(method),
                 )
             )
     problem = experiment.problem
@@ -216,6 +207,8 @@ def _row(finished: FinishedRun) -> OrderRow:
         status=finished.status,
         predicted=finished.predicted,
         expected_order=finished.expected_order,
+        seconds=finished.trajectory.stepping_seconds,
+        history_operations=finished.trajectory.history_operations,
         message=finished.trajectory.message,
         remarks=finished.trajectory.remarks,
     )

@@ -55,19 +55,26 @@ def structures() -> tuple[str, list[str]]:
     return whole + "designs:\n" + designs, alone
 
 
+def loops_of(outcome):
+    (sheet,) = (
+        one for one in quantities_report("a", outcome.finished).sheets if one.name == "loops"
+    )
+    return sheet.rows
+
+
 @pytest.mark.few(1)
 @pytest.mark.parametrize("drawn", [frames, structures])
 def test_a_member_has_the_loop_of_its_own_deformation(drawn):
     text, alone = drawn()
     (outcome,) = fvi.run(parse_config(text, "a"))
     experiment = outcome.finished[0].run.experiment
-    loops = quantities_report("a", outcome.finished).sheets[2].rows
+    loops = loops_of(outcome)
     (axes,) = hysteresis_figure(experiment, outcome.finished).axes
     lines = [line for line in axes.lines if len(line.get_xdata()) > 10]
     assert len(loops) == len(lines) == len(alone) == 3
     for found, line, one in zip(loops, lines, alone, strict=True):
         (by_itself,) = fvi.run(parse_config(one, "a"))
-        (expected,) = quantities_report("a", by_itself.finished).sheets[2].rows
+        (expected,) = loops_of(by_itself)
         for name in ("amplitude", "stiffness", "loss_factor", "work"):
             assert found[name] == pytest.approx(expected[name], rel=1e-6), name
         (own,) = hysteresis_figure(by_itself.finished[0].run.experiment, by_itself.finished).axes
@@ -84,7 +91,7 @@ def test_a_damper_without_force_has_no_loss_factor():
     text = STRUCTURE % ("[x1]", "d", LAW, "e", LAW) + REST + bare
     (outcome,) = fvi.run(parse_config(text, "a"))
     report = quantities_report("a", outcome.finished)
-    without, usual = report.sheets[2].rows
+    without, usual = loops_of(outcome)
     assert without["work"] == without["stiffness"] == 0.0 < without["amplitude"]
     assert np.isnan(without["loss_factor"])
     assert usual["loss_factor"] > 0.1

@@ -12,7 +12,6 @@ from scipy.sparse import csr_array
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.reports.document import Grid, split_wide
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.writers.text import to_text
@@ -55,10 +54,6 @@ def test_tables_hold_what_was_observed(folder):
     assert [(row["event"], row["count"]) for row in events[:2]] == [("bottom", "1"), ("end", "1")]
     assert float(events[1]["last"]) == outcome.finished[0].trajectory.time[-1]
     assert "torque" in text
-    latex = (folder / "tables/asked-quantities.tex").read_text()
-    assert latex.startswith("\\begin{tabular}")
-    assert "torque" in latex
-    assert "bottom" in (folder / "tables/asked-quantities-events.tex").read_text()
 
 
 def test_a_check_holds_until_something_changes(folder):
@@ -135,47 +130,6 @@ def test_runs_that_fail_are_named_in_every_table(tmp_path):
         assert shown.count("failed") == (2 if status == "failed" else 0)
 
 
-def test_blocks_of_a_split_table_begin_with_what_tells_its_rows_apart(tmp_path):
-    drifts = ", ".join(f"drift_{k}: x{k}" for k in range(1, 5))
-    text = configuration(
-        "kind: chain, masses: 4, mass: 1, stiffness: 4, damping: [{order: 0.5, coefficient: 0.2}], "
-        "initial: {position: [1, 0, 0, 0]}, final_time: 2.0, exact: none",
-        name="wide",
-        method="{rk: gauss, degree: 3}",
-        steps="20",
-        more=f"quantities: {{{drifts}}}\nevents: {{turn: {{when: vx1}}}}\n"
-        "designs: {without_any_dampers_at_all: {}, soft: {problem.stiffness: 3}}\n",
-    )
-    (tmp_path / "wide.yaml").write_text(text)
-    found = command("quantities", str(tmp_path / "wide.yaml"), "--output", str(tmp_path))
-    assert found.exit_code == 0, found.output
-    (outcome,) = fvi.recall(tmp_path / "wide.h5")
-    designs, runs, events = (
-        one for one in quantities_report("wide", outcome.finished).blocks if isinstance(one, Grid)
-    )
-    for widest in range(30, 140, 5):
-        for part in split_wide(designs, widest):
-            assert part.header[0] == "design"
-            assert all(
-                part.header[k + 1] == "change"
-                for k, title in enumerate(part.header)
-                if title.startswith("peak")
-            ), (widest, part.header)
-            assert part.header[1] != "change"
-        for grid, key in ((runs, "quantity"), (events, "event")):
-            parts = split_wide(grid, widest)
-            assert all(key in part.header for part in parts)
-            assert all(("peak" in part.header) == ("at t" in part.header) for part in parts)
-    pages = sorted((tmp_path / "tables").glob("wide-quantities*.tex"))
-    names = [page.stem.removeprefix("wide-quantities-") for page in pages]
-    assert {"1", "2", "designs-1", "designs-2", "events-1", "events-2", "text"} <= {*names}
-    for block in (page.read_text() for page in pages if not page.stem.endswith("-text")):
-        assert block.startswith("\\begin{tabular}")
-        assert block.count("\\begin") == 1
-        header = block.split("\\toprule\n")[1].split(" \\\\")[0].split(" & ")
-        assert "design" in header[0] or "quantity" in header or "event" in header, header
-
-
 DRIVEN = configuration(
     "kind: duffing, damping: [{order: 0.5, coefficient: 0.2}], forcing: cos(t), "
     "initial: {position: 1.0}, final_time: 20.0, exact: none",
@@ -236,25 +190,3 @@ def test_a_change_of_any_size_has_a_narrow_column_and_a_lost_run_none():
     assert max(map(len, shown.splitlines())) < 100
     lost = [replace(one, status="diverged") for one in outcome.finished]
     assert "%" not in to_text(design_blocks(design_sheet(lost)))
-
-
-def test_errors_that_no_second_run_tells_are_spoken_of():
-    pendulum = {"kind": "pendulum", "initial": {"position": 1.0}}
-    endless = {"kind": "lagrangian", "coordinates": ["x"], "initial": {"position": 1.0}}
-    endless |= {"lagrangian": "0.5*vx**2 + 0.5*x**4"}
-    ways = {"single": {"method": "gauss3", "ladder": {"steps": [40]}}}
-    ways["ladder"] = {"method": "gauss3", "ladder": {"steps": [20, 40]}}
-    ways["search"] = ways["failed"] = {"accuracy": {"tolerance": 1e-3}}
-    found = {}
-    for name, way in ways.items():
-        problem = {
-            **(endless if name == "failed" else pendulum),
-            "final_time": 4.0,
-            "exact": "none",
-        }
-        config = {"name": name, "problem": problem, "quantities": {"a": "x"}, **way}
-        (found[name],) = fvi.run(config)
-    for names in (["single"], ["single", "failed"], ["ladder"], ["search"], ["single", "search"]):
-        text = fvi.as_text(fvi.quantities([found[name] for name in names], name="asked"))
-        are_known = names[-1] not in ("single", "failed")
-        assert ("Errors of these numbers are not known" not in text) == are_known, names

@@ -29,7 +29,6 @@ from fvi_cli.plotting.words import (
     quantity_in_words,
     swept_keys_in_words,
     swept_number,
-    typeset_formulas,
     typeset_name,
 )
 from fvi_cli.reports.naming import with_unit
@@ -140,12 +139,12 @@ def _marks(
 
 
 def _condition(experiment: Experiment, event: str) -> str:
-    r"""The condition of an event: ``$\sin(t)$ rises through 0``; for a surface its name."""
+    """The condition of an event: ``sin(t) rises through 0``; for a surface its name."""
     seen = (experiment.observations.events or {}).get(event)
     if seen is None:
         return event
     how = {"rising": "rises through 0", "falling": "falls through 0"}
-    return f"{typeset_formulas(seen.when.text)} {how.get(seen.direction, 'passes 0')}"
+    return f"{seen.when.text} {how.get(seen.direction, 'passes 0')}"
 
 
 def _words(experiment: Experiment, name: str) -> tuple[str, str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from fvi_cli.integrator.method_names import method_names
 from fvi_cli.reports.document import Block, Bullets, Heading, Paragraph
 from fvi_cli.reports.kinds.order_summary import NORMS, reference_in_words
-from fvi_cli.reports.table import About, Column, Report, Sheet, Sheets, Words, grid_of, within
+from fvi_cli.reports.table import About, Column, Report, Sheet, grid_of, within
 from fvi_cli.studies.cost import CostTable
 
 RUN_COLUMNS = (
@@ -31,18 +31,12 @@ RUN_COLUMNS = (
 
 def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
     """The report on the cost of the methods."""
-
-    def words(sheets: Sheets) -> Words:
-        blocks = [Heading(level=1, words=f"What accuracy costs: {name}"), *_blocks(tables)]
-        return blocks, blocks
-
     items = (one for table in tables for one in _runs(table))
     keys = ("experiment", "case", "n_steps")
     return Report(
         name=f"{name}-cost",
         sheets=(Sheet.of("runs", RUN_COLUMNS, items, keys),),
-        words=words,
-        is_timed=True,
+        blocks=[Heading(level=1, words=f"What accuracy costs: {name}"), *_blocks(tables)],
     )
 
 
@@ -58,12 +52,11 @@ def _blocks(tables: Sequence[CostTable]) -> Iterator[Block]:
         "other."
     )
     for table in tables:
-        name = table.experiment.name
-        yield Heading(level=2, words=name)
+        yield Heading(level=2, words=table.experiment.name)
         yield Paragraph(
             words=f"Errors in the {NORMS[table.experiment.norm]}, against "
             f"{reference_in_words(table.reference)}."
         )
-        yield grid_of(RUN_COLUMNS, _runs(table), key_columns=2, name=name)
+        yield grid_of(RUN_COLUMNS, _runs(table))
         if failures := tuple(f"{r.run.title}: {r.message}" for r in table.rows if r.message):
             yield Bullets(items=failures)

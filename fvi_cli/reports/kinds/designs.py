@@ -75,7 +75,7 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
         Column("status", "what was observed", "" if is_good else "status", get="of.status"),
         *(one for one in tells if not one.title),
     )
-    return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"))
+    return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"), is_file=False)
 
 
 def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
@@ -107,7 +107,6 @@ def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
             "change",
             _percent,
             _CHANGE,
-            is_continuation=True,
             get=change,
         ),
     )
@@ -136,7 +135,4 @@ def design_blocks(sheet: Sheet) -> list[Block]:
     if len({(one["case"], one["n_steps"]) for one in sheet.rows}) > 1:
         how = "each on its finest grid"
     note = f"Designs: peaks ({how}) and their change against the first design."
-    return [
-        Paragraph(words=note),
-        sheet.grid(text_columns=words, key_columns=words, name=sheet.name),
-    ]
+    return [Paragraph(words=note), sheet.grid(text_columns=words)]

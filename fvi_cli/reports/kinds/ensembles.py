@@ -138,4 +138,5 @@ def ensemble_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
         for is_named in [any(e.design for e in found)]
     )
     rows = (row for one in found for row in _rows(one))
-    return Sheet.of("ensemble", columns, rows, ("experiment", "design", "quantity", "what", "t"))
+    keys = ("experiment", "design", "quantity", "what", "t")
+    return Sheet.of("ensemble", columns, rows, keys, is_file=False)

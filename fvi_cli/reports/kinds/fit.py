@@ -6,18 +6,15 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from fvi_cli.reports.document import Block, Bullets, CodeSpan, Heading, Near, Paragraph, Piece
+from fvi_cli.reports.document import Block, Bullets, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.table import (
     About,
     Column,
     Report,
     Sheet,
-    Sheets,
     Within,
-    alike,
     grid_of,
     pivot,
-    with_stored,
     within,
 )
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
@@ -146,7 +143,7 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
         name=f"{name}-fit",
         sheets=(
             Sheet.of("parameters", PARAMETER_COLUMNS, estimates, (*whose, "parameter")),
-            Sheet.of("models", MODEL_COLUMNS, models, whose),
+            Sheet.of("models", MODEL_COLUMNS, models, whose, is_file=False),
             Sheet.of("noise", NOISE_COLUMNS, noise, (*whose, "motion", "column"), is_file=False),
             Sheet.of(
                 "correlations",
@@ -156,45 +153,28 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
                 is_file=False,
             ),
         ),
-        words=lambda sheets: alike(_words(name, results)),
-        remake=lambda sheets: fit_report(name, _with_rows(results, sheets)),
+        blocks=list(_words(name, results)),
     )
-
-
-def _with_rows(results: Sequence[FitResult], sheets: Sheets) -> list[FitResult]:
-    """The results with the numbers of stored rows."""
-    estimates, models = (iter(sheets[name].rows) for name in ("parameters", "models"))
-
-    def stored(model: ModelFit) -> ModelFit:
-        values = (
-            with_stored(one, PARAMETER_COLUMNS, row, "one")
-            for one, row in zip(model.estimates, estimates, strict=False)
-        )
-        made = replace(model, estimates=tuple(values))
-        return with_stored(made, MODEL_COLUMNS, next(models), "model")
-
-    return [replace(one, models=tuple(map(stored, one.models))) for one in results]
 
 
 def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
     yield Heading(level=1, words=f"Fit: {name}")
     for result in results:
         yield Heading(level=2, words=(CodeSpan(result.name),))
-        experiment = f"{result.name}-" * (len(results) > 1)
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
             items = (About(result=result, model=one) for one in models)
-            yield grid_of(MODEL_COLUMNS, items, name=f"{experiment}models")
+            yield grid_of(MODEL_COLUMNS, items)
         for model in result.models:
             if model.model.name:
                 yield Heading(level=3, words=f"Model: {model.model.name}")
-            yield from _estimates(model, f"{experiment}{model.model.name or 'fitted'}")
+            yield from _estimates(model)
 
 
-def _estimates(model: ModelFit, name: str) -> Iterator[Block]:
+def _estimates(model: ModelFit) -> Iterator[Block]:
     if not model.is_converged:
         yield Paragraph(words=f"No fit: {model.message}. The best point so far:")
-    yield grid_of(ESTIMATES, model.estimates, name=name)
+    yield grid_of(ESTIMATES, model.estimates)
     if len(model.estimates) > 1 and model.is_converged:
         yield Paragraph(words="Correlations of the estimates:")
         yield pivot(
@@ -206,18 +186,16 @@ def _estimates(model: ModelFit, name: str) -> Iterator[Block]:
             corner=("",),
             headings={str(j): (str(j),) for j in range(1, len(model.estimates))},
             absent="",
-            is_near=True,
-            name=f"{name}-correlations",
         )
     if model.series:
-        yield Paragraph(words=tuple(_noise(model)))
+        yield Paragraph(words="".join(_noise(model)))
     if model.warnings:
-        yield Bullets(items=tuple((Near(one),) for one in model.warnings))
+        yield Bullets(items=tuple(model.warnings))
 
 
-def _noise(model: ModelFit) -> Iterator[Piece]:
+def _noise(model: ModelFit) -> Iterator[str]:
     yield "Noise: "
-    yield Near(
+    yield (
         "; ".join(
             f"{one.data} {one.series.column}: standard deviation {one.deviation:.3g} "
             f"({one.series.values.size} values)"

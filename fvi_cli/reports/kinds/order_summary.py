@@ -5,23 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 
-from fvi_cli.integrator.method_names import MethodName, describe_method, method_names
-from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Paragraph, Words
+from fvi_cli.integrator.method_names import MethodName, method_names
+from fvi_cli.reports.document import Block, Grid, Paragraph
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_summary
-from fvi_cli.reports.naming import listing, number
+from fvi_cli.reports.naming import number
 from fvi_cli.reports.table import pivot
 from fvi_cli.studies.order import OrderCase, OrderTable
-
-NOTED_DIFFERENCE = 0.06
-"""A sentence points out slopes that differ by more from the stated order."""
-
-ASYMPTOTIC_DIFFERENCE = 0.1
-"""A slope that differs by more from the finest pairwise or the expected order is no order."""
-
-UNLIKE_EXPECTED = 0.3
-"""A sentence points out finest orders that differ by more from the expected one (guessed)."""
-
-FAILURES = ("diverged", "failed", "refused")
 
 NORMS: Mapping[str, str] = {
     "max": "maximum norm over components and grid points",
@@ -67,7 +56,7 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
 
 
 def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """Orders of all experiments in one table, and remarks on them."""
+    """Orders of all experiments in one table."""
     names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     titles = short_titles(name, single)
@@ -75,64 +64,9 @@ def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
     if not groups and not swept:
         yield Paragraph(words="No run is finished.")
         return
-    yield Paragraph(words=_explanation(tables))
     yield from (_grid(group, names, titles) for group in groups)
     for members in swept:
         yield from sweep_summary(members, names, order_entry)
-    remarks = [
-        sentence
-        for say in (_stated, _failures)
-        for table in single
-        for sentence in say(table, names, titles)
-    ]
-    if remarks:
-        yield Bullets(items=tuple(remarks))
-
-
-def legend(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """A list of the methods with their cases in other files; common properties are given once."""
-    names = names_in_tables(tables)
-    methods = {case.method.case: case.method for table in tables for case in table.cases}
-    described = {case: describe_method(method) for case, method in methods.items()}
-    if not described:
-        return
-    first, *others = described.values()
-    shared = [one for one in first if others and all(one in phrases for phrases in others)]
-    items: list[Words] = []
-    for case, phrases in described.items():
-        own = ", ".join(phrase for phrase in phrases if phrase not in shared)
-        items.append((f"{names[case].label}: {own}{', ' if own else ''}case ", CodeSpan(case)))
-    yield Paragraph(words=f"Methods, all with {', '.join(shared)}:" if shared else "Methods:")
-    yield Bullets(items=tuple(items))
-
-
-def _explanation(tables: Sequence[OrderTable]) -> str:
-    cases = [case for table in tables for case in table.cases]
-    if all(len(case.rows) == 1 for case in cases):
-        text = "Entries: the error on the only step size."
-    else:
-        text = (
-            "Entries: the least-squares slope of log(error) against log(h) over all rows that can "
-            "be used, then the order between the two finest of them. Where the two disagree, the "
-            "slope is not asymptotic."
-        )
-    if any(sum(row.used_in_fit for row in case.rows) == 2 for case in cases):
-        text += " One number alone comes from two rows."
-    if any(order_entry(case) == "floor" for case in cases):
-        text += (
-            " floor: round-off leaves no order; above it there is one error, or there are few over "
-            "less than a factor of two in N that lie on no line."
-        )
-    if any(order_entry(case).startswith("none") for case in cases):
-        text += " none: errors do not fall as steps become smaller."
-    norms = {table.norm for table in tables}
-    if len(norms) == 1:
-        text += f" Errors are measured in the {NORMS[norms.pop()]}."
-    if any(not math.isnan(case.claim) for case in cases):
-        text += " stated: the order that the source of the experiment states."
-    if any(row.status in FAILURES for case in cases for row in case.rows):
-        text += " A star marks methods that failed on some step sizes."
-    return text
 
 
 def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
@@ -200,92 +134,12 @@ def _ladder(table: OrderTable) -> str:
 
 
 def order_entry(case: OrderCase) -> str:
-    """Slope and finest order; a star where rows failed."""
-    failures = [row.status for row in case.rows if row.status in FAILURES]
-    star = "*" if failures else ""
-    used = [row for row in case.rows if row.used_in_fit]
-    if case.has_order and (case.slope <= 0.0 or case.last_order <= 0.0):
-        return f"none{star}"
-    if case.has_order and len(used) > 2 and not math.isnan(case.last_order):
-        return f"{case.slope:.2f}, {case.last_order:.2f}{star}"
+    """The slope; without one the only error, or what became of the runs."""
     if case.has_order:
-        return f"{case.slope:.2f}{star}"
-    if failures:
-        return f"{failures[0]}*"
-    if len(case.rows) == 1 and used:
-        return f"error {used[0].error:.1e}"
+        return f"{case.slope:.2f}"
+    if len(case.rows) == 1 and math.isfinite(case.rows[0].error):
+        return f"error {case.rows[0].error:.1e}"
+    lost = [row.status for row in case.rows if row.status not in ("ok", "floor")]
+    if lost:
+        return lost[0]
     return "floor" if any(row.is_near_floor for row in case.rows) else "-"
-
-
-def _failures(
-    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> list[Words]:
-    """One sentence on the rows of an experiment that failed."""
-    parts = []
-    for case in table.cases:
-        for status in FAILURES:
-            count = sum(row.status == status for row in case.rows)
-            if count:
-                label = names[case.method.case].label
-                parts.append(f"{label} {status} in {count} of {len(case.rows)} rows")
-    return [f"* {titles[table.experiment]}: {'; '.join(parts)}."] if parts else []
-
-
-def _stated(
-    table: OrderTable, names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> list[Words]:
-    """Sentences on every stated order that is not reached, or whose slope is no order."""
-    sentences: list[Words] = []
-    for case in table.cases:
-        if math.isnan(case.claim):
-            continue
-        parts = []
-        if not case.has_order:
-            parts.append(f"stated {case.claim:g}; too few rows can be used for a slope")
-        else:
-            if abs(case.slope - case.claim) > NOTED_DIFFERENCE:
-                parts.append(f"stated {case.claim:g}, measured {case.slope:.2f}")
-            if not_asymptotic := _not_asymptotic(case):
-                parts.append(not_asymptotic)
-        if parts:
-            title = f"{titles[table.experiment]}, {names[case.method.case].label}"
-            sentences.append(f"{title}: {'; '.join(parts)}.")
-    return sentences
-
-
-def _not_asymptotic(case: OrderCase) -> str:
-    """Why the slope is not the order for small steps; empty if it may be."""
-    last, expected = case.last_order, case.expected_order
-    is_far = abs(case.slope - last) > ASYMPTOTIC_DIFFERENCE
-    misses = abs(case.slope - expected) > ASYMPTOTIC_DIFFERENCE
-    if not (is_far or misses):
-        return ""
-    text = f"the slope {case.slope:.2f} is pre-asymptotic: {_finest_order(case)}"
-    if not math.isnan(expected):
-        text += f", {expected:g} is expected for small steps"
-    return text
-
-
-def unlike_expected(case: OrderCase) -> str:
-    """A clause if the finest order is far above or below the expected one; else empty.
-
-    The expected order is that of the slowest part of the error; on longer steps other parts may
-    still be larger.
-    """
-    last, expected = case.last_order, case.expected_order
-    is_unstable = last <= 0 or any(row.predicted == "unstable" for row in case.rows)
-    if is_unstable or not (case.has_order and abs(last - expected) > UNLIKE_EXPECTED):
-        return ""
-    return f"{_finest_order(case)}, not yet the {expected:.3g} that is expected for small steps"
-
-
-def _finest_order(case: OrderCase) -> str:
-    if case.last_pair is None:
-        return "no two neighbouring rows give an order"
-    coarse, fine = (case.rows[case.last_pair + k].n_steps for k in (-1, 0))
-    return f"the order between N = {coarse} and {fine} is {case.last_order:.2f}"
-
-
-def steps_phrase(ladder: Sequence[int], steps: Sequence[int]) -> str:
-    """Words for rows of a ladder: ``every N``, or the N."""
-    return "every N" if list(ladder) == list(steps) else f"N = {listing(steps)}"

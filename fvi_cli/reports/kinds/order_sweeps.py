@@ -54,8 +54,6 @@ def _by_value(
         (((_label(table, key),), case.method.case, (entry(case),)) for table, case in each),
         corner=(key,),
         headings={case.method.case: (names[case.method.case].label,) for _, case in each},
-        absent="not computed",
-        name=f"{tables[0].experiment}-orders",
     )
 
 
@@ -133,9 +131,7 @@ def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) ->
         for case in table.cases:
             cases.setdefault(case.method.case, []).append((table, case))
     items = [_Spread(label=names[name].label, found=found) for name, found in cases.items()]
-    return grid_of(
-        _SPREAD_COLUMNS, items, groups=(3, 3, 3, 1), name=f"{tables[0].experiment}-orders"
-    )
+    return grid_of(_SPREAD_COLUMNS, items)
 
 
 def sweep_details(
@@ -160,26 +156,15 @@ def sweep_details(
             counts_in_words(status for _, status in rows),
         )
 
-    empty = number(math.nan, ".2e")
     grid = pivot(
         (
-            (
-                (str(n), f"{sizes[n]:.4g}"),
-                case,
-                texts(found[n, case]) if (n, case) in found else (empty, empty, "not computed"),
-            )
+            ((str(n), f"{sizes[n]:.4g}"), case, texts(found[n, case]))
             for n in sorted(sizes)
             for case in cases
+            if (n, case) in found
         ),
         corner=("N", "h"),
         headings={case: (f"{names[case].label}: median", "largest", "rows") for case in cases},
         text_columns=0,
-        name=f"{tables[0].experiment}-runs",
     )
-    remark = "Every member has its own rows in the CSV and JSON forms of this table."
-    return [
-        Heading(level=2, words=tables[0].experiment),
-        Paragraph(words=setting),
-        grid,
-        Paragraph(words=remark),
-    ]
+    return [Heading(level=2, words=tables[0].experiment), Paragraph(words=setting), grid]

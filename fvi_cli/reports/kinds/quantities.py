@@ -18,15 +18,11 @@ from fvi_cli.reports.table import (
     Column,
     Report,
     Sheet,
-    Sheets,
     Within,
-    alike,
-    number_of,
     within,
 )
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.loops import (
-    LEAST_POINTS,
     DamperLoop,
     deformation_against,
     forces_of,
@@ -66,7 +62,7 @@ EXTENT_COLUMNS = (
     *within(
         "found",
         Column("peak", "largest absolute value", "peak", ".6g", CLOSE),
-        Column("peak_time", "when it is reached first", "at t", ".6g", CLOSE, is_continuation=True),
+        Column("peak_time", "when it is reached first", "at t", ".6g", CLOSE),
     ),
     Column(
         "peak_error",
@@ -111,9 +107,7 @@ EVENT_COLUMNS = (
     Column("event", "name of the event or impact", "event", get="name"),
     Column("count", "how often it happened", "times", get=lambda one: int(one.found.time.size)),
     Column("first", "when it happened first", "first", ".6g", CLOSE, get=_time(0)),
-    Column(
-        "last", "when it happened last", "last", ".6g", CLOSE, get=_time(-1), is_continuation=True
-    ),
+    Column("last", "when it happened last", "last", ".6g", CLOSE, get=_time(-1)),
     Column(
         "ended_the_run",
         "whether the run ended there",
@@ -141,7 +135,7 @@ LOOP_COLUMNS = (
         ),
         Column("work", "energy of the loop", "energy of the loop", ".5g", LOOSE),
         Column("begin", "when the loop begins", "from t", ".5g", LOOSE),
-        Column("end", "when it ends", "to t", ".5g", LOOSE, is_continuation=True),
+        Column("end", "when it ends", "to t", ".5g", LOOSE),
     ),
     _STATUS,
 )
@@ -174,8 +168,6 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     # show the status only if some run failed
     titles = {"status": "status"} if any(one.status not in GOOD for one in finished) else {}
     titles |= dict.fromkeys(("peak_error",) * (not is_own) + ("error",) * (not is_of_position), "")
-    advice = _advice(finished) if extents and not is_own else ""
-
     methods = method_names([one.run.method for one in finished])
 
     def label(case: str) -> str:
@@ -215,71 +207,41 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
         )
         return Sheet.of(name, columns, items, (*_KEYS, *(one.name for one in named), *keys))
 
-    sheets: tuple[Sheet, ...] = (
-        sheet("runs", COLUMNS, lambda _, seen: _named(seen.extents), "quantity"),
-        sheet("events", EVENT_COLUMNS, lambda _, seen: _named(seen.events), "event"),
-    )
+    def observed(what: str) -> Found:
+        return lambda _, seen: _named(getattr(seen, what))
+
     kinds = {"amplitude": "length", "stiffness": "stiffness", "work": "energy"}
-    loops = sheet(
-        "loops", columns_with_units(LOOP_COLUMNS, units, **kinds), _loops, "force", "loop"
+    loop_columns = columns_with_units(LOOP_COLUMNS, units, **kinds)
+    events = sheet("events", EVENT_COLUMNS, observed("events"), "event")
+    loops = sheet("loops", loop_columns, _loops, "force", "loop")
+    others = (
+        events if events.rows else None,
+        replace(loops, is_file=False) if loops.rows else None,
+        ensemble_sheet(finished),
+        design_sheet(finished),
     )
-    sheets = (*sheets, loops) if loops.rows else sheets
-    more = [one for one in (ensemble_sheet(finished), design_sheet(finished)) if one is not None]
+    sheets = (
+        sheet("runs", COLUMNS, observed("extents"), "quantity"),
+        *(one for one in others if one is not None),
+    )
     return Report(
         name=f"{name}-quantities",
-        sheets=(*sheets, *more),
-        words=lambda sheets: alike(_words(name, sheets, advice)),
+        sheets=sheets,
+        blocks=list(_words(name, {one.name: one for one in sheets})),
     )
 
 
-def _advice(finished: Sequence[FinishedRun]) -> str:
-    """Why errors of quantities are not known, and what to write, if they could be."""
-    runs = [one.run for one in finished if not one.run.is_search]
-    if not any(getattr(run.problem.scene, "prescribed", 1) is None for run in runs):
-        return ""
-    return (
-        "Errors of these numbers are not known, since there is no second run; give a ladder of two "
-        "or more numbers of steps, or in its place "
-    )
-
-
-def _words(name: str, sheets: Sheets, advice: str) -> Iterator[Block]:
+def _words(name: str, sheets: Mapping[str, Sheet]) -> Iterator[Block]:
     yield Heading(level=1, words=("Quantities: ", CodeSpan(name)))
-    yield Paragraph(
-        words="Peaks, smallest and largest values and means are of the motion at all times, "
-        "not of its stored points."
-    )
-    if advice:
-        yield Paragraph(words=(advice, CodeSpan("accuracy: {tolerance: ...}"), "."))
     if designs := sheets.get("designs"):
         yield from design_blocks(designs)
     if "ensemble" in sheets:
-        yield Paragraph(
-            words="Mean, standard deviation (with m - 1 for m members), least and greatest of the "
-            "members: of values at some times, and of peaks."
-        )
-        yield sheets["ensemble"].grid(text_columns=2, key_columns=3)
+        yield Paragraph(words="Mean, standard deviation, least and greatest of the members:")
+        yield sheets["ensemble"].grid(text_columns=2)
     for sheet in (sheets[one] for one in ("runs", "events", "loops") if one in sheets):
         if sheet.name == "loops":
-            yield Paragraph(
-                words="The last loop of every damper, and the largest one where that is wider; "
-                "figures mark them."
-            )
-        # the columns that identify a run, quantity or event are repeated where a grid is split
+            yield Paragraph(words="The last loop of every damper, and the largest one if wider:")
         shown = [column.name for column in sheet.columns if column.title]
-        keys = shown.index("n_steps") + 2 + ("loop" in shown)
         if sheet.rows:
-            words = keys + (shown[keys] == "unit")
-            name = "" if sheet.name == "runs" else sheet.name
-            yield sheet.grid(text_columns=words, key_columns=keys, name=name)
-    if "loops" in sheets:
-        amplitudes = [number_of(row["amplitude"]) for row in sheets["loops"].rows]
-        if any(math.isnan(one) for one in amplitudes):
-            yield Paragraph(
-                words=(
-                    f"Loops with fewer than {LEAST_POINTS} stored points, or too few for their "
-                    "form, are left empty: store more points, such as ",
-                    CodeSpan("output: {step: ...}"),
-                    " with a fortieth of its time or less.",
-                )
-            )
+            keys = shown.index("n_steps") + 2 + ("loop" in shown)
+            yield sheet.grid(text_columns=keys + (shown[keys] == "unit"))

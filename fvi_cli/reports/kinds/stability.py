@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
 from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
@@ -15,12 +14,9 @@ from fvi_cli.reports.table import (
     Cell,
     Column,
     Report,
-    Row,
     Sheet,
     Within,
-    alike,
     pivot,
-    with_stored,
     within,
 )
 from fvi_cli.studies.members import label_of
@@ -81,24 +77,8 @@ def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
                 "regions", REGION_COLUMNS, regions, ("experiment", "case", "order"), is_file=False
             ),
         ),
-        words=lambda sheets: alike(_words(name, tables)),
-        remake=lambda sheets: stability_report(name, _with_rows(tables, sheets["runs"].rows)),
+        blocks=list(_words(name, tables)),
     )
-
-
-def _with_rows(tables: Sequence[StabilityTable], rows: Sequence[Row]) -> list[StabilityTable]:
-    """The tables with the numbers of stored rows."""
-    stored = iter(rows)
-    return [
-        replace(
-            table,
-            rows=tuple(
-                with_stored(row, COLUMNS, found, "row")
-                for row, found in zip(table.rows, stored, strict=False)
-            ),
-        )
-        for table in tables
-    ]
 
 
 def _words(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
@@ -110,12 +90,11 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
     )
     for table in tables:
         yield Heading(level=2, words=(CodeSpan(table.experiment.name),))
-        experiment = table.experiment.name if len(tables) > 1 else ""
-        yield from _rows(table, experiment)
-        yield from _regions(table, "-".join(filter(None, (experiment, "regions"))))
+        yield from _rows(table)
+        yield from _regions(table)
 
 
-def _rows(table: StabilityTable, name: str) -> Iterator[Block]:
+def _rows(table: StabilityTable) -> Iterator[Block]:
     names = method_names(table.experiment.methods)
     steps = sorted({row.run.n_steps for row in table.rows})
     lines: dict[tuple[str, ...], list[StabilityRow]] = {}
@@ -124,7 +103,7 @@ def _rows(table: StabilityTable, name: str) -> Iterator[Block]:
         key = (row.run.method.case, *([label_of(row.run.member)] if swept else []))
         lines.setdefault(key, []).append(row)
     if len(lines) > MOST_LINES:
-        yield replace(_counts(table, steps), name=name)
+        yield _counts(table, steps)
     else:
         cells: list[Cell] = []
         for (case, *member), rows in lines.items():
@@ -132,7 +111,7 @@ def _rows(table: StabilityTable, name: str) -> Iterator[Block]:
             cells += [(begin, f"N = {row.run.n_steps}", (_cell(row),)) for row in rows]
         titles = [f"N = {n}" for n in steps]
         corner = ("method", "member") if swept else ("method",)
-        yield pivot(cells, corner=corner, headings={title: (title,) for title in titles}, name=name)
+        yield pivot(cells, corner=corner, headings={title: (title,) for title in titles})
 
 
 def _counts(table: StabilityTable, steps: Sequence[int]) -> Grid:
@@ -160,7 +139,7 @@ def _cell(row: StabilityRow) -> str:
     return f"slow {factor:.6g}" if growth else verdict
 
 
-def _regions(table: StabilityTable, name: str) -> Iterator[Block]:
+def _regions(table: StabilityTable) -> Iterator[Block]:
     if not table.regions:
         return
     names = method_names(table.experiment.methods)
@@ -183,6 +162,4 @@ def _regions(table: StabilityTable, name: str) -> Iterator[Block]:
         ),
         corner=("method",),
         headings={f"{order:g}": (f"order {order:g}",) for order in orders},
-        is_near=True,
-        name=name,
     )

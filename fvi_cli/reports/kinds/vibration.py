@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Near, Paragraph
+from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import all_units, columns_with_units, member_columns, with_ratio
-from fvi_cli.reports.table import About, Column, Report, Sheet, Within, alike, rows_of, within
+from fvi_cli.reports.table import About, Column, Report, Sheet, Within, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
 from fvi_cli.studies.vibration.response import GROUND, ResponseTable
@@ -114,7 +114,7 @@ def mode_report(name: str, tables: Sequence[ModeTable]) -> Report:
     return Report(
         name=f"{name}-modes",
         sheets=(sheet,),
-        words=lambda sheets: alike(_mode_words(name, tables, sheets["modes"])),
+        blocks=list(_mode_words(name, tables, sheet)),
     )
 
 
@@ -154,15 +154,13 @@ def _sheet(
     )
 
 
-def _own_grid(sheet: Sheet, experiment: str, name: str) -> Grid:
+def _own_grid(sheet: Sheet, experiment: str) -> Grid:
     """The grid of the rows of an experiment."""
     own = tuple(row for row in sheet.rows if row["experiment"] == experiment)
     keeps = any(row["member"] for row in own)
     columns = tuple(one for one in sheet.columns if keeps or one is not MEMBER)
     keys = 1 + bool(keeps)
-    return replace(sheet, columns=columns, rows=own).grid(
-        text_columns=keys, key_columns=keys, name=name
-    )
+    return replace(sheet, columns=columns, rows=own).grid(text_columns=keys)
 
 
 def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterator[Block]:
@@ -171,9 +169,9 @@ def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterato
     for experiment, own in groups.items():
         if len(groups) > 1:
             yield Heading(level=2, words=(CodeSpan(experiment),))
-        yield _own_grid(sheet, experiment, experiment if len(groups) > 1 else "")
+        yield _own_grid(sheet, experiment)
         for words in _completeness(own):
-            yield Paragraph(words=(Near(words),))
+            yield Paragraph(words=words)
 
 
 def _completeness(tables: Sequence[ModeTable]) -> Iterator[str]:
@@ -241,14 +239,14 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
         label = magnitude_label(tables[0])
         columns = tuple(replace(c, title=label) if c.name == "magnitude" else c for c in columns)
     # peaks are identified by numbers: the last digits of their frequencies are round-off
-    peak_sheet = _sheet("peaks", owner, columns, peaks, "at", "peak")
+    peak_sheet = replace(_sheet("peaks", owner, columns, peaks, "at", "peak"), is_file=False)
     return Report(
         name=f"{name}-response",
         sheets=(
             _sheet("response", owner, RESPONSE_COLUMNS, items, "at", "frequency_hz"),
             peak_sheet,
         ),
-        words=lambda sheets: alike(_response_words(name, tables, sheets["peaks"])),
+        blocks=list(_response_words(name, tables, peak_sheet)),
     )
 
 
@@ -268,7 +266,7 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
             )
         )
         if any(row["experiment"] == experiment for row in peaks.rows):
-            yield _own_grid(peaks, experiment, experiment if len(groups) > 1 else "")
+            yield _own_grid(peaks, experiment)
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")
         own = [one for one in tables if one.name == experiment]

@@ -1,16 +1,11 @@
-"""Sheets as CSV and JSON with numbers in full precision, and reading of CSV."""
+"""Sheets as CSV with numbers in full precision, and reading of CSV."""
 
 from __future__ import annotations
 
 import csv
 import io
-import json
-import math
 
-from fvi_cli.reports.table import Column, Report, Sheet, Value
-
-FORMAT = 2
-"""Number of the layout of the JSON form."""
+from fvi_cli.reports.table import Column, Sheet, Value
 
 
 def to_csv(sheet: Sheet) -> str:
@@ -52,36 +47,6 @@ def as_value(word: str, like: Value) -> Value:
         return int(word) if isinstance(like, int) else word
     except ValueError:
         return word
-
-
-def to_json(report: Report) -> str:
-    """All sheets with the meaning of their columns, one row in a line.
-
-    Missing values and nan become null, infinities the texts ``inf`` and ``-inf``.
-    """
-    sheets = ",\n".join(f" {_quoted(sheet.name)}: {_sheet(sheet)}" for sheet in report.sheets)
-    head = f'{{"format": {FORMAT},\n"name": {_quoted(report.name)},\n"sheets": {{\n'
-    return f"{head}{sheets}\n}}}}\n"
-
-
-def _sheet(sheet: Sheet) -> str:
-    columns = ",\n".join(f"   {_quoted(c.name)}: {_quoted(c.meaning)}" for c in sheet.columns)
-    rows = ",\n".join(
-        "   " + _quoted({c.name: _json(row[c.name]) for c in sheet.columns}) for row in sheet.rows
-    )
-    return f'{{\n  "columns": {{\n{columns}}},\n  "rows": [\n{rows}]}}'
-
-
-def _json(value: Value) -> Value:
-    if isinstance(value, float):
-        if math.isnan(value):
-            return None
-        return repr(float(value)) if math.isinf(value) else float(value)
-    return value
-
-
-def _quoted(value: object) -> str:
-    return json.dumps(value, ensure_ascii=False, allow_nan=False)
 
 
 def read_csv(text: str) -> tuple[list[str], list[list[str]]]:
