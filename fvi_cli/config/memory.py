@@ -63,7 +63,8 @@ def machine_bytes(root: Path = ROOT) -> int:
     # a slow import, needed once a command
     import psutil
 
-    return max(min([psutil.virtual_memory().available, *_of_groups(root)]), 0)
+    available = int(psutil.virtual_memory().available)
+    return max(min([available, *_of_groups(root)]), 0)
 
 
 def _of_groups(root: Path) -> Iterator[int]:

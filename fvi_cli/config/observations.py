@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
-from fvi_cli.config.keys.designs import DESIGNS
 from fvi_cli.config.keys.experiment import ExperimentKeys
 from fvi_cli.config.keys.ladder import Ladder
 from fvi_cli.config.keys.methods import ListedMethod
-from fvi_cli.config.keys.observations import IN_G, Output
+from fvi_cli.config.keys.observations import Output
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.observations.dampers import check_forces, damper_values
@@ -41,17 +39,6 @@ _TAKEN: Final = ("t", "time", "energy", "member", "dof", "mesh")
 _NAME: Final = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
-_MEANT: Final = {
-    r"(?:abs|total)?_?(?:a|acc|accel|acceleration)_?(\d+)": "acceleration_{0}, with the ground, or "
-    "ax{0}, against it",
-    r"(?:drift|dr|isd|delta)_?(\d+)": "drift_{}",
-    r"(?:m|mass)_?(\d+)": "mass_{}",
-    r"(?:vb|shear|v_base)": "base_shear",
-    r"(?:ag|a_g|xg|ug|ground|quake)": "ground_acceleration",
-}
-"""What users write, as patterns, for the built-in quantities of a frame; with the right names."""
-
-
 def _named(given: object) -> Mapping[str, Any]:
     """A mapping that was read; empty if it is no mapping."""
     return given if isinstance(given, Mapping) else {}
@@ -70,17 +57,12 @@ def read_units(
     requested = dict.fromkeys((*_named(settings.quantities), *(observed.quantities or {})))
     groups = {name: name.rpartition("_")[0] for name in requested if "_" in name}
     known = tuple(dict.fromkeys((*UNITS, *coordinates, *requested, *groups.values())))
-    length = given.get("length", "m")
-    every = [at.under(key) for key in ("problem", "designs", "sweep") if at.has(key)]
-    # search the values of a large sweep only if it is necessary
-    if length != "m" and (found := next(filter(None, map(_in_g, every)), None)) is not None:
-        found.refuse(f"g is in m/s^2, and units.length is {length}; write the number in that unit")
     for name in given:
         if name not in known:
             at.under("units").refuse_key(
                 name,
                 f"has no unit of its own{suggestion(name, known)} "
-                f"(known here: {listed_words(known[:12])}); {IN_G}",
+                f"(known here: {listed_words(known[:12])})",
             )
     dampers = {} if problem.scene is None else damper_values(problem.scene)
     units = dict(given)
@@ -106,18 +88,6 @@ _QUALITIES: Final = {
 """Key of ``units`` for built-in and damper quantities, by the first part of their names."""
 
 
-def _in_g(at: Cursor) -> Cursor | None:
-    """The cursor at ``scale: g``, or None."""
-    if at.has("file") and at.has("scale") and at.under("scale").scalar == "g":
-        return at.under("scale")
-    for key, under in at.entries():
-        # a swept or design key
-        if key.endswith(".scale") and "g" in [one.scalar for one in (under, *under.items())]:
-            return under
-    inner = [*at.items(), *(under for _, under in at.entries())]
-    return next((found for one in inner if (found := _in_g(one)) is not None), None)
-
-
 def read_observations(
     settings: ExperimentKeys, problem: AnyProblem, methods: Sequence[ListedMethod], at: Cursor
 ) -> Observations:
@@ -137,12 +107,11 @@ def read_observations(
     # a quantity of the user's own hides a built-in one
     ready = {k: one for k, one in problem.ready.items() if texts.get(k, k) == k}
     names = names_along(problem, ready)
-    advice = partial(_advice, names=names, at=at)
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
     for name in _named(settings.quantities):
-        found = _expression(name, names, problem, advice, at.under("quantities"))
+        found = _expression(name, names, problem, at.under("quantities"))
         if found is not None:
             quantities[name] = found.expand(ready)
     for name in drawn:
@@ -150,7 +119,7 @@ def read_observations(
     for name, one in _named(settings.events).items():
         if not is_complete(one):
             continue
-        found = _expression(name, names, problem, advice, at.under("events"), "when")
+        found = _expression(name, names, problem, at.under("events"), "when")
         if found is not None and found.is_constant:
             at.under("events", name).refuse(
                 f"{found.text} never changes its sign; for once every period T write "
@@ -163,7 +132,7 @@ def read_observations(
         under = at.under("impacts")
         if not is_complete(one):
             continue
-        found = _expression(name, of_surfaces, problem, advice, under, "when")
+        found = _expression(name, of_surfaces, problem, under, "when")
         if found is None:
             continue
         if name in events:
@@ -290,43 +259,10 @@ def _check_neighbours(
         at.refuse("not together with impacts", "store", "diagnostics")
 
 
-def _advice(name: str, own: str, names: Sequence[str], at: Cursor) -> str:
-    """What to write for an unknown name in the formula `own`; empty: there is no advice."""
-    if name != own and at.under("quantities").has(name):
-        return "quantities are not known in other formulas; write its expression"
-    if meant := meant_name(name, names):
-        return meant
-    if not re.match("(force|deformation|work)_", name):
-        return ""
-    designs = [(one, [key for key, _ in under.entries()]) for one, under in _entries(at, DESIGNS)]
-    if any(key.startswith("problem.damp") for _, keys in designs for key in keys):
-        return (
-            f"the first design, {designs[0][0]}, has no such damper; write the dampers into every "
-            "design in the same order, with coefficients or moduli 0 where one is absent"
-        )
-    if parts := [one for one in names if one.startswith(f"{name}_")]:
-        return f"it has components: write {listed_words(parts[:6])}{', ...' * (len(parts) > 6)}"
-    return ""
-
-
-def meant_name(name: str, names: Sequence[str]) -> str:
-    """The advice to write a known name of a frame for an unknown one; empty: there is none."""
-    for pattern, words in _MEANT.items():
-        found = re.fullmatch(pattern, name, re.IGNORECASE)
-        if found and (instead := words.format(*found.groups())).partition(",")[0] in names:
-            return f"write {instead}"
-    return ""
-
-
-def _entries(at: Cursor, key: str) -> list[tuple[str, Cursor]]:
-    return list(at.under(key).entries()) if at.has(key) else []
-
-
 def _expression(
     name: str,
     names: tuple[str, ...],
     problem: Problem,
-    advice: Callable[..., str],
     under: Cursor,
     *inner: str,
 ) -> Expression | None:
@@ -340,7 +276,7 @@ def _expression(
         return None
     # in a list of names a name is its own expression
     at = next((one for one in under.items() if one.scalar == name), under.under(name, *inner))
-    text = FormulaText(variables=names, advice=partial(advice, own=name)).read(at)
+    text = FormulaText(variables=names).read(at)
     found = Expression.parse(text, variables=names) if isinstance(text, str) else None
     if found is not None and (reason := _spoilt_by_start(found, problem)):
         at.refuse(reason)

@@ -10,7 +10,7 @@ from typing import Any
 from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
 from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.scalars import Choice, Schema, Shape, referred
-from fvi_cli.keys.settings import Key, Record, Refusal, Setting
+from fvi_cli.keys.settings import Key, Record, Setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +57,7 @@ class ByKind(Shape):
     def _of_any_kind(self) -> Record:
         """Every key of every kind, none of them required."""
         keys: dict[str, Key] = {}
-        refused: dict[str, Refusal] = {"type": f"not a key: write {self.word}"}
+        refused: dict[str, str] = {"type": f"not a key: write {self.word}"}
         for record in self.kinds.values():
             refused.update(record.of.refused)
             for name, key in record.keys.items():

@@ -198,18 +198,12 @@ class Choice(Shape):
         return {"enum": list(self.words)}
 
 
-def _no_advice(name: str) -> str:
-    return ""
-
-
 @dataclass(frozen=True, kw_only=True)
 class FormulaText(Shape):
     """An expression or a number, read as the text of the expression; or one of a few words."""
 
     variables: tuple[str, ...] = ("t",)
     words: tuple[str, ...] = ()
-    # advice for an unknown name; where it is empty a similar name is suggested
-    advice: Callable[[str], str] = _no_advice
 
     @property
     def expected(self) -> str:
@@ -229,9 +223,7 @@ class FormulaText(Shape):
         except ExpressionError as error:
             exact = node.text_place if node.text == value else None
             hint, message = "", error.message
-            if advice := self.advice(error.unknown) if error.unknown else "":
-                message = f"unknown name {error.unknown!r}; {advice}"
-            elif error.unknown and at.path[:1] in (("problem",), ("quantities",), ("events",)):
+            if error.unknown and at.path[:1] in (("problem",), ("quantities",), ("events",)):
                 known = (*self.variables, *at.names)
                 if not suggestion(error.unknown, known):
                     hint = f"; to define it write problem.parameters: {{{error.unknown}: 1.0}}"

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import types
 import typing
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import FrozenInstanceError, dataclass, field, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal, Self, get_args, get_origin
@@ -34,7 +34,6 @@ from fvi_cli.keys.scalars import Choice, Flag, Number, Schema, Shape, Text, refe
 Positive = Annotated[float, Number(above=0.0)]
 NotNegative = Annotated[float, Number(least=0.0)]
 Fraction = Annotated[float, Number(above=0.0, below=1.0)]
-Refusal = str | Callable[[Cursor], str]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +69,7 @@ class Setting(Built):
     given as arguments of the class.
     """
 
-    refused: ClassVar[Mapping[str, Refusal]] = {}
+    refused: ClassVar[Mapping[str, str]] = {}
     """Wrong keys that get a complaint of their own, with this complaint."""
     forms: ClassVar[tuple[tuple[str, ...], ...]] = ()
     """Groups of keys; exactly one group must be given. Optional keys of a group end in ``?``."""
@@ -200,9 +199,10 @@ class Record(Shape):
         """A dict with every key that is given or has a default."""
         if not isinstance(at.node, MappingNode):
             return at.needs(self.expected)
-        for name, under in at.entries():
+        for name, _ in at.entries():
             if name not in self.keys:
-                at.refuse_key(name, self._unknown(name, under))
+                reason = self.of.refused.get(name) or not_known(name, self.keys)
+                at.refuse_key(name, reason)
         values: dict[str, Any] = {}
         declares = self.of.declares
         if declares and at.has(declares):
@@ -222,12 +222,6 @@ class Record(Shape):
     def build(self, value: Any) -> Any:
         """The value that a mapping makes."""
         return self.of.of(value).value() if isinstance(value, Mapping) else value
-
-    def _unknown(self, name: str, under: Cursor) -> str:
-        reason = self.of.refused.get(name)
-        if reason is not None:
-            return reason if isinstance(reason, str) else reason(under)
-        return not_known(name, self.keys)
 
     def schema(self, defs: Schema) -> Schema:
         """A reference."""

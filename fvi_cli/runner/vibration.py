@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.config.observations import meant_name, names_along
+from fvi_cli.config.observations import names_along
 from fvi_cli.errors import RequestError
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.scenes.problem import Problem
@@ -192,9 +191,6 @@ def response(
             names = names_along(problem, problem.ready)
             quantities = one.experiment.observations.quantities or {}
             outputs = harmonic_outputs(at, names, problem, quantities) if at else None
-        except ExpressionError as error:
-            advice = meant_name(error.unknown, names) if option == "--at" else ""
-            raise RequestError(f"{option}: {error}" + f"; {advice}" * bool(advice)) from None
         except ValueError as error:
             raise RequestError(f"{option}: {error}") from None
         try:

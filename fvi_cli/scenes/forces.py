@@ -8,7 +8,6 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeVar
 
 import numpy as np
@@ -16,9 +15,9 @@ import numpy as np
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import excerpt, listed, show_path, suggestion
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.containers import ByForm, ListOf, Named
-from fvi_cli.keys.cursor import INVALID, Cursor
+from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import FormulaText, Number, Schema, Text
 from fvi_cli.keys.settings import PlainSetting, Positive, key, record_of
 from fvi_cli.mathematics.arrays import Array
@@ -29,13 +28,11 @@ from fvi_cli.scenes.records.csv_samples import (
     SUFFIX,
     read_at2_samples,
     read_csv_samples,
-    unit_of_at2,
 )
 from fvi_cli.scenes.records.data_files import (
     end_of_samples,
     file_under,
     no_such_file,
-    read_once,
     sampled_component,
     with_digest,
 )
@@ -45,11 +42,6 @@ _logger = logging.getLogger(__name__)
 T = TypeVar("T")
 STANDARD_GRAVITY: Final = 9.80665
 """Acceleration of free fall, in m/s^2 (CGPM 1901)."""
-_SCALES: Final = {
-    "g": "write scale: g for metres and seconds, or scale: 1 if lengths are in units of g s^2",
-    "cm/s^2": "write scale: 0.01 for metres and seconds, or scale: 1 if lengths are in cm",
-}
-"""Advice for a record in these units."""
 _COLUMN: Final = Text(what="the name of a column")
 
 
@@ -75,32 +67,7 @@ def _read_file(values: Mapping[str, Any], at: Cursor) -> Any:
             "in .at2)"
         )
         return at.refuse("not for AT2, which has one column" if is_at2 else wrong, "column")
-    found = with_digest(values, at, ("samples", file, *columns), read)
-    return _with_unit(found, at, file, name) if is_at2 and found is not INVALID else found
-
-
-def _with_unit(values: Any, at: Cursor, file: Path, name: str) -> Any:
-    """The keys of a record in AT2; refuses a scale that contradicts the unit in its header."""
-
-    def read() -> str:
-        unit = unit_of_at2(file, name)
-        if unit and not at.has("scale"):
-            _logger.warning(
-                "%s: %s.file: %s is in units of %s, and its numbers are taken as they stand; %s",
-                at.node.place,
-                show_path(at.path),
-                name,
-                unit,
-                _SCALES[unit],
-            )
-        return unit
-
-    unit = read_once(at, ("unit", file), read)
-    if unit == "cm/s^2" and at.under("scale").scalar == "g":
-        return at.refuse(
-            f"g is not allowed: {name} is in units of {unit}; {_SCALES[unit]}", "scale"
-        )
-    return values
+    return with_digest(values, at, ("samples", file, *columns), read)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,18 +161,7 @@ def with_parameters(values: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 PIECES_EXAMPLE: Final = "{pieces: [{until: 1.0, value: 8}, {value: 0}]}"
-_OF_MOTION: Final = (
-    "a force here depends on t alone; one of x is a potential energy (kind: lagrangian), -c*v is "
-    "damping: [{order: 1, coefficient: c}], and products such as x**2*vx have no place"
-)
-
-
-def _advice(name: str) -> str:
-    is_of_motion = re.fullmatch(r"[vad]?[xyzq]\d*|v\d*|v?theta\d+|vtheta|[xq]_?dot", name)
-    return _OF_MOTION if is_of_motion else ""
-
-
-_FORCE: Final = FormulaText(advice=_advice)
+_FORCE: Final = FormulaText()
 _UNTIL: Final = key("Last time of the piece; the last piece has none.", unit="time", default=None)
 _VALUE: Final = ByForm(single=_FORCE, several=ListOf(shape=_FORCE, example="[sin(t), 0]"))
 

@@ -162,7 +162,7 @@ def test_ready_quantities_serve_events_figures_units_fits_and_gradients(tmp_path
 
 def test_a_quantity_of_ones_own_hides_the_ready_one():
     own = SHAKEN + "quantities: {drift_2: 1000*(x2 - x1)}\n"
-    with pytest.raises(ConfigError, match="write its expression"):
+    with pytest.raises(ConfigError, match="unknown name 'drift_2'"):
         parse_config(own + "events: {e: {when: drift_2 - 1}}\n", "t")
     (found,) = observed_of(own)
     (ready,) = observed_of(SHAKEN + "quantities: [drift_2]\n")

@@ -21,7 +21,6 @@ from fvi_cli.keys.settings import NotNegative, Positive, Setting, key, record_of
 
 MOST_TIMES: Final = 10_000_000
 EXAMPLE: Final = "{step: 0.01} or {times: [0, 0.5, 2]}"
-IN_G: Final = "for a record in g write scale: g next to its file"
 
 _TEXT: Final = Text(what="an expression in coordinates, v<name>, a<name>, d<name>, t, parameters")
 
@@ -71,18 +70,15 @@ def _exact_multiples(length: float, count: int) -> NDArray[np.float64]:
     return np.array([k * above / below for k in range(count)])
 
 
-def _every_period(at: Cursor) -> str:
-    """The advice for an event once every period."""
-    period = f"{at.scalar:g}" if type(at.scalar) in (int, float) else "T"
-    return f"not a key: write {{when: sin(2*pi*t/{period}), direction: rising}}"
-
-
 class GivenEvent(
     Setting,
     refused={
         "terminal": "not a key: write stop",
         "function": "not a key: write when",
-        **dict.fromkeys(("every", "period", "strobe", "step"), _every_period),
+        **dict.fromkeys(
+            ("every", "period", "strobe", "step"),
+            "not a key: write {when: sin(2*pi*t/T), direction: rising}",
+        ),
     },
 ):
     """An event."""
@@ -149,6 +145,6 @@ Units = Annotated[
     Mapping[str, str] | None,
     Named(
         shape=Text(what="the name of a unit", longest=40),
-        example=f"{{length: mm, time: s}}; {IN_G}",
+        example="{length: mm, time: s}",
     ),
 ]

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from fvi_cli.config.keys.experiment import SINGLE
 from fvi_cli.config.text.document import DEEPEST_NESTING, read_document
 from fvi_cli.keys.complaints import Complaints, KeyPath, SourcePosition, excerpt
 from fvi_cli.keys.nodes import (
@@ -26,7 +24,7 @@ SWEEP: Final = "sweep"
 DESIGNS: Final = "designs"
 FIT: Final = "fit"
 PARAMETERS: Final = "parameters"
-ENTRIES: Final = ("start", "from", "to", "fixed", "tied", "factor", "own")
+ENTRIES: Final = ("start", "from", "to")
 """Keys of a parameter of a fit."""
 _DISPLACED: Final[Mapping[str, tuple[str, ...]]] = {
     "accuracy": ("ladder",),
@@ -67,13 +65,10 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
         complaints.add(OPTION, path, message)
         return ()
 
-    written, equals, value = override.partition("=")
+    written, equals, _ = override.partition("=")
     path = tuple(part.strip() for part in written.split("."))
-    meant = re.sub(r"\.?\[\s*(\w+)\s*\]", r".\1", written.strip())
-    if not equals or not all(path) or ("[" in written and meant == written.strip()):
+    if not equals or not all(path):
         return refuse(f"{excerpt(override)!r} is not allowed; it must be key.path=value")
-    if "[" in written:
-        return refuse(f"{excerpt(written)!r} is not allowed; write {meant}")
     if len(path) > DEEPEST_NESTING:
         return refuse(f"{excerpt(written)!r} is nested more than {DEEPEST_NESTING} deep")
     several = isinstance(root, MappingNode) and "experiments" in root.entries
@@ -81,13 +76,6 @@ def _path(override: str, root: Node, complaints: Complaints) -> KeyPath:
         return refuse(
             f"this file has several experiments; write experiments.0.{path[0]}, ...", path[0]
         )
-    is_key = path[0] in SINGLE.keys
-    if (
-        len(path) == 1
-        and not is_key
-        and node_at(root, ("problem", PARAMETERS, *path))[1][2:] == path
-    ):
-        return refuse(f"not a key here: write problem.{PARAMETERS}.{path[0]}={value}", path[0])
     return _swept(root, path)
 
 

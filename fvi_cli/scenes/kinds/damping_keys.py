@@ -18,14 +18,12 @@ from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
-from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.kinds import ByKind
 from fvi_cli.keys.scalars import Integer, Matrix, Number, Text
 from fvi_cli.keys.settings import (
     Fraction,
     NotNegative,
     Positive,
-    Refusal,
     Setting,
     key,
     record_of,
@@ -35,29 +33,21 @@ from fvi_cli.scenes.structures.matrix_keys import MATRIX_FILE, matrix_of
 Effect = FractionalDamping | Law
 
 
-def alpha(at: Cursor) -> str:
-    """The complaint about ``alpha``, the order of derivatives in the action, which is no key."""
-    reason = (
-        "not a key: order is the order gamma in the equation of motion, and gamma = 2 alpha, "
-        "because the fractional action holds two derivatives of order alpha (the factor two)"
-    )
-    value = at.scalar
-    if isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1:
-        return f"{reason}; write order: {2 * value:g}"
-    return f"{reason}; write order with twice that number"
-
-
-_WRONG_PLACE: Final[Mapping[str, Refusal]] = dict.fromkeys(
+ALPHA: Final = (
+    "not a key: order is the order gamma in the equation of motion, and gamma = 2 alpha, "
+    "because the fractional action holds two derivatives of order alpha (the factor two)"
+)
+_WRONG_PLACE: Final[Mapping[str, str]] = dict.fromkeys(
     ("storey", "story", "floor"),
     "not a key here: what stands between floors of a frame is written under dampers",
 )
-WRONG_NAMES: Final[Mapping[str, Refusal]] = {
-    "alpha": alpha,
+WRONG_NAMES: Final[Mapping[str, str]] = {
+    "alpha": ALPHA,
     "beta": "not a key: write order, which is alpha + beta",
     "gamma": "not a key: the order gamma of the derivative is called order",
     "mu": "not a key: the factor mu of the derivative is called coefficient",
 }
-_OF_LAWS: Final[Mapping[str, Refusal]] = {
+_OF_LAWS: Final[Mapping[str, str]] = {
     "time": "not a key of a springpot: write law: zener or law: maxwell in the same entry",
     "relaxed": "not a key of a springpot: write law: zener or law: prony in the same entry",
     "unrelaxed": "not a key of a springpot: write law: zener in the same entry",
@@ -66,7 +56,7 @@ _OF_LAWS: Final[Mapping[str, Refusal]] = {
     "times": "not a key of a springpot: write law: prony in the same entry",
     "rate": "not a key of a springpot: write law: tempered in the same entry",
 }
-_WRONG_IN_LAWS: Final[Mapping[str, Refusal]] = {
+_WRONG_IN_LAWS: Final[Mapping[str, str]] = {
     **_WRONG_PLACE,
     "tau": "not a key: the relaxation time tau is called time",
     "alpha": "not a key: the order of the law is called order",
@@ -258,7 +248,7 @@ _LAWS: Final[Mapping[str, type[Setting]]] = {
     "prony": Prony,
     "tempered": Tempered,
 }
-_STOREYS: Final[Mapping[str, Refusal]] = {
+_STOREYS: Final[Mapping[str, str]] = {
     **dict.fromkeys(
         ("story", "floor", "level", "at", "between", "storeys"), "not a key: write storey: 1"
     ),

@@ -9,35 +9,25 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 
 from fvi_cli.keys.containers import ByForm, ListOf, Named
-from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import FormulaText, Matrix, Number
-from fvi_cli.keys.settings import PlainSetting, Record, Refusal, Setting, key, record_of
+from fvi_cli.keys.settings import PlainSetting, Record, Setting, key, record_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Damper, per_coordinate
 from fvi_cli.scenes.forces import by_coordinate
-from fvi_cli.scenes.kinds.damping_keys import NAME, ORDER, WRONG_NAMES, Name, Order, alpha
+from fvi_cli.scenes.kinds.damping_keys import ALPHA, NAME, ORDER, WRONG_NAMES, Name, Order
 from fvi_cli.scenes.structures.matrix_keys import MASS_FILE
 
+_DAMPING: Final = "not a key here: write damping: [{order: 0.5, coefficient: 0.3}]"
 
-def _damping(order: str, coefficient: str) -> Refusal:
-    """Advice to write a single number as a damping term; ``{}`` is replaced by the number."""
-
-    def refusal(at: Cursor) -> str:
-        given = f"{at.scalar:g}" if type(at.scalar) in (int, float) else "..."
-        own = order.format(given), coefficient.format(given)
-        return f"not a key here: write damping: [{{order: {own[0]}, coefficient: {own[1]}}}]"
-
-    return refusal
-
-
-WRONG_AT_PROBLEM: Final[Mapping[str, Refusal]] = {
-    "alpha": lambda at: f"{alpha(at)}, under damping",
+WRONG_AT_PROBLEM: Final[Mapping[str, str]] = {
+    "alpha": ALPHA,
     "beta": "not a key: of damping write order, which is alpha + beta, under damping; the factor "
     "of x^3 is cubic_stiffness, of kind: duffing",
-    **dict.fromkeys(("gamma", "order"), _damping("{}", "...")),
-    **dict.fromkeys(("mu", "coefficient"), _damping("...", "{}")),
-    **dict.fromkeys(("c", "delta", "eta", "viscosity"), _damping("1", "{}")),
-    **dict.fromkeys(("zeta", "xi", "damping_ratio"), _damping("1", "2*zeta*sqrt(k*m) as a number")),
+    **dict.fromkeys(("gamma", "order", "mu", "coefficient"), _DAMPING),
+    **dict.fromkeys(
+        ("c", "delta", "eta", "viscosity", "zeta", "xi", "damping_ratio"),
+        "not a key here: write damping: [{order: 1, coefficient: c}], c = 2*zeta*sqrt(k*m)",
+    ),
     **dict.fromkeys(
         ("omega0", "omega_0", "w0", "omega_n"),
         "not a key: write stiffness, which is mass times omega0**2 (omega itself for a pendulum)",

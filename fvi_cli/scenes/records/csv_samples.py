@@ -174,19 +174,6 @@ _NAMED: Final = re.compile(rf"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*{_NUMBER}", re.IG
 _BEFORE: Final = re.compile(rf"(\d+)\s+{_NUMBER}\s+NPTS\s*,\s*DT", re.IGNORECASE)
 
 
-_IN_G: Final = re.compile(r"\bunits?\b\W*(?:of|in|are)?\W*g\b", re.IGNORECASE)
-_IN_CM: Final = re.compile(r"\bcm\s*/\s*s|\bgals?\b", re.IGNORECASE)
-
-
-def unit_of_at2(path: Path, name: str) -> str:
-    """The unit ``g`` or ``cm/s^2`` in the header of a record; empty if it has neither."""
-    lines = read_content(path, name, LARGEST_FILE).decode("latin-1").splitlines()[:HEADER_LINES]
-    header = "\n".join(line for line in lines if len(line) <= LONGEST_LINE)
-    if _IN_G.search(header):
-        return "g"
-    return "cm/s^2" if _IN_CM.search(header) else ""
-
-
 def read_at2_samples(path: Path, name: str) -> CsvSamples:
     """Read a record: times k DT, and the accelerations in the file, in units of g.
 
