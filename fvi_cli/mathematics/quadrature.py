@@ -130,7 +130,7 @@ def _jacobi(degree: int, a: float, b: float, x: LongArray) -> tuple[LongArray, L
     for n in range(1, degree + 1):
         t = 2 * n + a + b
         if n == 1:
-            scale, shift, factor, back = 2, a - b, a + b + 2, 0
+            scale, shift, factor, back = 2.0, a - b, a + b + 2, 0.0
         else:
             scale = 2 * n * (n + a + b) * (t - 2)
             shift = (t - 1) * (a * a - b * b)

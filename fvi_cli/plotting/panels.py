@@ -230,7 +230,9 @@ def _draw_bands(axes: Axes, curves: Sequence[Curve], *, marked: bool) -> None:
     shown = np.isfinite(values).any(axis=0)
     values, x = values[:, shown], x[shown]
     for low, high, label, alpha in _BANDS:
-        _fill(axes, x, np.nanpercentile(values, [low, high], axis=0), label, alpha, COLOURS[0])
+        _fill(
+            axes, x, list(np.nanpercentile(values, [low, high], axis=0)), label, alpha, COLOURS[0]
+        )
     median = np.nanmedian(values, axis=0)
     axes.plot(x, median, color="black", marker="o" if marked else "", label="median")
 

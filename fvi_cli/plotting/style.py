@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -45,11 +44,6 @@ _LINE = 0.16  # inches of a line of a legend
 _OWN: ContextVar[str] = ContextVar("a style of matplotlib", default="default")
 
 
-@functools.cache
-def _sheet() -> mpl.RcParams:
-    return mpl.rc_params_from_file(SHEET, use_default_template=False)
-
-
 @contextmanager
 def journal_style() -> Iterator[None]:
     """A context in which figures are made and drawn with the packaged sheet.
@@ -57,7 +51,7 @@ def journal_style() -> Iterator[None]:
     A user's own settings file is left out; inside :func:`styled` that style takes precedence.
     """
     own = [] if _OWN.get() == "default" else [_OWN.get()]
-    with style.context(["default", _sheet(), *own]):
+    with style.context(["default", str(SHEET), *own]):
         yield
 
 

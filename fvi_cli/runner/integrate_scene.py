@@ -109,8 +109,9 @@ def integrate(
     )
     remarks: tuple[str, ...] = ()
     if scene.forcing is not None and not isinstance(n_steps, AdaptiveSteps):
-        is_mesh = isinstance(n_steps, Mesh)
-        longest = float(np.diff(n_steps.times).max()) if is_mesh else found.step_size
+        longest = found.step_size
+        if isinstance(n_steps, Mesh):
+            longest = float(np.diff(n_steps.times).max())
         remarks = scene.forcing.remarks(scene.final_time, longest)
     return replace(
         found,

@@ -137,7 +137,7 @@ def _fractional_powers(component: ForceComponent, at: float) -> tuple[float, ...
     found = FormulaSystem(system.instructions, tuple(place for place, _ in roots)).evaluate(known)
     powers = []
     for value, (_, power) in zip(found, roots, strict=True):
-        first, behind = np.abs(np.broadcast_to(value, 2))
+        first, behind = np.abs(np.broadcast_to(np.asarray(value, dtype=float), 2))
         if not TOUCHED * behind < first < math.inf:
             powers.append(power)
     is_bounded = not np.isinf(np.broadcast_to(formula.evaluate({"t": times}), 2)[0])

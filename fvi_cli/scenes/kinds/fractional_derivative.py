@@ -102,9 +102,12 @@ def _derived(function: Expression, times: int) -> Callable[[Array], Array]:
     for _ in range(times):
         system = derivatives(system, [{"t": 1.0}])[1:]
     known = dict(function.constants)
-    return lambda time: np.asarray(
-        np.broadcast_to(system.evaluate({**known, "t": time})[0], time.shape)
-    )
+
+    def derived(time: Array) -> Array:
+        value = np.asarray(system.evaluate({**known, "t": time})[0], dtype=float)
+        return np.asarray(np.broadcast_to(value, time.shape))
+
+    return derived
 
 
 def _caputo(
