@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
-from functools import partial
 
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import Form, dense
@@ -45,9 +44,8 @@ def integrate_members(
     """Integrate every scene, those of one kind (:func:`batch_kind`) as one batch.
 
     Arguments are those of :func:`fvi_cli.integrator.integrate.integrate`, the same for all;
-    the method may be given by name. Returns one trajectory
-    per scene, in order, with its own status: the result of `integrate` to round-off, and the same
-    to the last bit whatever others are in the batch. Run times are equal shares of those of the
+    the method may be given by name. Returns one trajectory per scene, in order, with its own
+    status: the result of `integrate` to round-off. Run times are equal shares of those of the
     batch.
 
     Raises
@@ -78,29 +76,20 @@ def integrate_batch(
     every: int = 1,
     with_steps: bool = False,
 ) -> list[Trajectory]:
-    """Integrate scenes of one kind, as many at a time as stay in the cache.
-
-    A scene whose numbers cease to be finite is integrated again individually, which distinguishes
-    overflow in blocks from a run that left its bound before.
-    """
+    """Integrate scenes of one kind, as many at a time as stay in the cache."""
     mesh, block = mesh_for(scenes[0], method, n_steps), _block_in_batch(scenes[0], method)
     found: list[Trajectory] = []
     together = max(1, MOST_TOGETHER // _width(scenes[0]))
     for first in range(0, len(scenes), together):
         part = scenes[first : first + together]
-        integrate_part = partial(integrate_scenes, every=every, with_steps=with_steps)
-        runs = integrate_part(part, method, mesh, most=block)
-        found += [
-            integrate_part([scene], method, mesh)[0]
-            if one.failure is not None and one.failure.reason == "not finite"
-            else one
-            for scene, one in zip(part, runs, strict=True)
-        ]
+        found += integrate_scenes(
+            part, method, mesh, every=every, with_steps=with_steps, most=block
+        )
     return found
 
 
 def _block_in_batch(scene: Scene, method: Method) -> int:
-    """Steps of the longest block of a scene in a batch, whatever others are in it."""
+    """Steps of the longest block of a scene in a batch."""
     inputs = len(step_tables(method).to_inputs) * scene.dimension // _width(scene)
     return longest_in_batch(inputs, is_linear=scene.is_linear)
 

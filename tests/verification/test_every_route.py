@@ -1,7 +1,7 @@
 """One table of routes to one discrete motion, and of scenes of every kind with drawn numbers.
 
 Single steps, blocks of any length, meshes of given points, sums written out, batches in any
-company, thinned runs, runs in parts, runs with diagnostics and sparse matrices must end with the
+company, thinned runs, runs with diagnostics and sparse matrices must end with the
 same status; they differ by round-off while the motion is below 1e3 times what it was at first, or
 have the same bits. Orders, methods, numbers of steps, breaks of the force and scales are drawn.
 """
@@ -197,7 +197,7 @@ def check_company(case: Case) -> None:
     for places in ([0], [-1, 0], [*range(len(scenes))] * 2):
         packed = integrate_batch([scenes[k] for k in places], case.method, case.n_steps)
         for place, one in zip(places, packed, strict=True):
-            check_identical(together[place], one)
+            check_same(case, together[place], one, place)
 
 
 def check_thinned(case: Case) -> None:

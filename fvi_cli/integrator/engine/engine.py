@@ -261,7 +261,6 @@ class Engine:
         given = np.concatenate([state.x, state.p, *force], axis=1)
         found = np.matmul(op.outputs, given[..., None])[..., 0]
         if loads is not None:
-            # added, so that loads of others change no bits of a member without loads
             found += np.matmul(op.outputs_of_loads, loads.reshape(q, -1, 1))[..., 0]
         n = count * len(self.tables.to_inputs) * e
         inputs = found[:, :n].reshape(q, -1, e)

@@ -16,7 +16,7 @@ import numpy as np
 
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import StepLaw
-from fvi_cli.integrator.engine.tables import apply_to_each, on_every_component, on_steps
+from fvi_cli.integrator.engine.tables import apply, on_every_component, on_steps
 from fvi_cli.integrator.memory.interface import constant_lags, toeplitz_matrix
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.step_tables import StepTables, step_tables
@@ -203,7 +203,7 @@ class Frame:
         """The points that remainders depend on, ``(q, n r w)``, from U ``(q, n, s, e)``."""
         q, count = u.shape[:2]
         if count == 1:
-            return apply_to_each(self.points, u.reshape(q, -1))
+            return apply(self.points, u.reshape(q, -1))
         found = on_steps(self.displacement[0], u)
         found[:, 1:] += self.h * np.cumsum(u[:, :-1, -1:], axis=1)
         if self.unit.has_rates:
@@ -228,7 +228,7 @@ def longest_block(law: StepLaw, members: int, inputs: int) -> int:
 
 
 def longest_in_batch(inputs: int, *, is_linear: bool) -> int:
-    """Steps of the longest block of a member of a batch, whatever others are in the batch."""
+    """Steps of the longest block of a member of a batch."""
     largest = 2 * SIZE_IN_BATCH if is_linear else SIZE_IN_BATCH
     return _steps_of(inputs, largest, is_linear=is_linear)
 

@@ -17,7 +17,7 @@ from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.engine.tables import apply, apply_to_each, largest
+from fvi_cli.integrator.engine.tables import apply, largest
 from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 from fvi_cli.mathematics.convergence import (
     ITERATIONS,
@@ -239,7 +239,7 @@ class Newton:
         terms = apply(np.abs(op.by_load[:, :size, : known.shape[1]]), known)
         terms += apply(np.abs(op.start[:, :size]), np.abs(begin))
         to_points = op.frame.points[:, : self.n * self.width, :size]
-        total = apply_to_each(np.abs(to_points), terms)
+        total = apply(np.abs(to_points), terms)
         at = points.reshape(self.q, self.n, self.width)
         rounded = np.abs(rest) + op.at.terms_of(self.state.x, at)
         total += apply(np.abs(self.fold), rounded.reshape(self.q, -1))

@@ -31,16 +31,7 @@ def apply(matrices: Array, vectors: Array) -> Array:
     """Matrices ``(q or 1, n, k)`` on vectors ``(q, k)``; one product if all share a matrix."""
     if len(matrices) == 1 < len(vectors):
         return np.asarray(vectors @ matrices[0].T)
-    return apply_to_each(matrices, vectors)
-
-
-def apply_to_each(matrix: Array, vectors: Array) -> Array:
-    """One matrix ``(1, n, k)`` on vectors ``(q, k)``, one product for each vector.
-
-    So a member has the same bits whatever others are in the batch: the rounding of one product of
-    all vectors would depend on their number.
-    """
-    return np.asarray(np.matmul(matrix, vectors[..., None])[..., 0])
+    return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])
 
 
 def largest(values: Array) -> Array:
@@ -64,7 +55,6 @@ def by_columns(matrices: Array) -> Array:
 def on_steps(table: Array, values: Array) -> Array:
     """A small matrix ``(a, b)`` on the third axis of ``(q, B, b, e)``."""
     if values.shape[-1] == 1:
-        # one product for each member, as in apply_to_each
         return np.asarray(np.matmul(values[..., 0], table.T)[..., None])
     return np.asarray(np.matmul(table, values))
 

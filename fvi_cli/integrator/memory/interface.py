@@ -82,17 +82,11 @@ class Combination:
         raise TypeError("matrix: a large structure has no dense matrix")
 
     def combine(self, by_term: Array) -> Array:
-        """Combine values that are given for every term, ``(K, ...)`` to ``(q or 1, ...)``.
-
-        Term by term, so that a member has the same bits whatever others are in the batch.
-        """
+        """Combine values that are given for every term, ``(K, ...)`` to ``(q or 1, ...)``."""
         if self.places.size == 1 and self.factors.item() == 1.0:
             return np.asarray(by_term[self.places[0]])
-        rows = max(len(self.factors), len(self.places))
-        total = np.zeros((rows, *by_term.shape[1:]))
-        for place, factor in zip(self.places.T, self.factors.T, strict=True):
-            total += factor.reshape(-1, *(1,) * (by_term.ndim - 1)) * by_term[place]
-        return total
+        factors = self.factors.reshape(*self.factors.shape, *(1,) * (by_term.ndim - 1))
+        return np.asarray((factors * by_term[self.places]).sum(axis=1))
 
     def of(self, members: Places) -> Combination:
         """The combination of some members."""

@@ -11,7 +11,6 @@ and any z > 0. Eigenvectors of A lose a digit for every two stages.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -120,23 +119,21 @@ class StageOperator:
         """
         name, m = self.name, self.n_stages
 
-        def of_sizes(function: Callable[[float], float]) -> Array:
-            # one by one: a size has the same bits whatever others there are
-            return np.array([function(h) for h in sizes.tolist()])[:, None, None]
+        h = sizes[:, None, None]
 
         def scaled(theta: float, matrix: Array) -> Array:
-            return np.asarray(of_sizes(lambda h: h**theta) * matrix)
+            return np.asarray(h**theta * matrix)
 
         if isinstance(term, float):
             return scaled(term, _power(name, m, term))
         if isinstance(term, Slope):
             block = self.local_blocks(term.exponent, sizes)
-            return np.asarray(block @ _logarithm(name, m) + of_sizes(math.log) * block)
+            return np.asarray(block @ _logarithm(name, m) + np.log(h) * block)
 
         def power(theta: float) -> Array:
             return scaled(theta, _power_of_coefficients(name, m, theta))
 
-        block = term.on_integration(sizes[:, None, None] * self.matrix, power)
+        block = term.on_integration(h * self.matrix, power)
         return np.asarray(self.to_values @ block @ self.to_coefficients)
 
     def exponentials(self, z: Array) -> StageExponentials:

@@ -24,7 +24,7 @@ from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.series.chebyshev import evaluate_series, in_rows
+from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -187,7 +187,7 @@ def maps_of_stages(
     ):
         own = np.concatenate([one for _, one in pairs])
         n, r, d = own.shape
-        rows = in_rows(own.swapaxes(1, 2).reshape(n * d, r), matrix_of(tables).T)
+        rows = np.matmul(own.swapaxes(1, 2).reshape(n * d, r), matrix_of(tables).T)
         found.append(np.ascontiguousarray(rows.reshape(n, d, -1).transpose(2, 0, 1)))
     return join_series(found)
 

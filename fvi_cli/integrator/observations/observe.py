@@ -104,7 +104,7 @@ def observe_members(
     """Requested outputs of finished runs by one method, all at once.
 
     Each run gives a pair: the run on its mesh, up to an event that ended it, and the run at the
-    requested times with its outputs, bit for bit as by itself. Formulas and the directions of
+    requested times with its outputs. Formulas and the directions of
     events are those of the first member; values of the names in them are each member's own.
     `impacts` are the times of impacts of the first member by name, and are reported like events;
     `rests_on` is the surface that ended its run.

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.series.chebyshev import (
-    in_rows,
     products_of_series,
     roots_of_series,
     second_kind_points,
@@ -76,12 +75,12 @@ class Pieces:
     @property
     def squares(self) -> Array:
         """Integrals of the squared polynomials, in parts of a step, ``(n,)``."""
-        product = in_rows(self.coefficients, _PRODUCTS)
+        product = np.matmul(self.coefficients, _PRODUCTS)
         return np.asarray(0.5 * (self.end - self.begin) * (product * self.coefficients).sum(axis=1))
 
     def stations(self, along: Along, wanted: Mask) -> tuple[Places, Array, Array]:
         """Ends of pieces and extremes of the wanted ones: step, place in it, and value there."""
-        piece, inside = roots_of_series(in_rows(self.coefficients[wanted], _SLOPES))
+        piece, inside = roots_of_series(np.matmul(self.coefficients[wanted], _SLOPES))
         own = np.flatnonzero(wanted)[piece]
         begin, end = self.begin[own], self.end[own]
         step = np.concatenate([self.step, self.step, self.step[own]])
@@ -173,4 +172,4 @@ def by_owner(owner: Places, steps: Places, count: int) -> list[tuple[int, Places
 def coefficients_of(values: Array) -> Array:
     """Chebyshev coefficients of values, both of shape ``(n, POINTS)``."""
     # a single point without a value, such as t = 0, is no reason to halve
-    return in_rows(np.where(np.isfinite(values), values, 0.0), _TO_COEFFICIENTS)
+    return np.matmul(np.where(np.isfinite(values), values, 0.0), _TO_COEFFICIENTS)

