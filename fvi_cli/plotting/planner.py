@@ -38,10 +38,8 @@ from fvi_cli.plotting.motions.time_series import (
     energy_figure,
     error_figure,
     has_balance,
-    has_momenta,
     has_momentum,
     has_quantities,
-    momenta_figure,
     observed_of,
     quantities_figure,
     sweep_trajectory_figure,
@@ -62,7 +60,6 @@ _OVER_TIME: dict[str, Draw] = {
     "energy": energy_figure,
     "error": error_figure,
     "balance": balance_figure,
-    "momenta": momenta_figure,
     "phase": phase_figure,
     "path": path_figure,
     "waterfall": waterfall_figure,
@@ -185,7 +182,8 @@ def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Itera
 
 _NO_MOMENTUM = "no method of the experiment has a momentum; write method: gauss3"
 _NEEDS_STORE = (
-    "it needs store: {{diagnostics: [{}]}} and a method that keeps its steps, such as gauss3"
+    "it needs store: {diagnostics: [energy-balance]} and a method that keeps its steps, such as "
+    "gauss3"
 )
 _NEEDS_PERIODS = (
     "it is drawn of a sweep over stiffness or mass; write "
@@ -194,8 +192,7 @@ _NEEDS_PERIODS = (
 _NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
     "energy": (has_momentum, _NO_MOMENTUM),
     "phase": (has_momentum, _NO_MOMENTUM),
-    "balance": (has_balance, _NEEDS_STORE.format("energy-balance")),
-    "momenta": (has_momenta, _NEEDS_STORE.format("momentum-maps")),
+    "balance": (has_balance, _NEEDS_STORE),
     "quantities": (has_quantities, "there are none; write quantities: {drift: x2 - x1}"),
     "hysteresis": (
         lambda item: has_quantities(item) and bool(forces_of(item.run.experiment)),

@@ -36,7 +36,6 @@ FIGURE_KINDS = (
     "energy",
     "error",
     "balance",
-    "momenta",
     "phase",
     "path",
     "waterfall",

@@ -12,7 +12,7 @@ from fvi_cli import plotting
 from fvi_cli.config import parse_config
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.motions.paths import path_figure, phase_figure, waterfall_figure
-from fvi_cli.plotting.motions.time_series import balance_figure, momenta_figure
+from fvi_cli.plotting.motions.time_series import balance_figure
 from fvi_cli.plotting.panels import over_time
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.study import study
@@ -33,8 +33,7 @@ KEPLER = configuration(
     name="planet",
     method="[{rk: gauss, degree: 2}, {baseline: implicit-euler}]",
     steps="128",
-    more="expect: {implicit-euler: diverged}\n"
-    "store: {diagnostics: [energy-balance, momentum-maps]}\n",
+    more="expect: {implicit-euler: diverged}\nstore: {diagnostics: [energy-balance]}\n",
 )
 PENDULUM = configuration(
     "kind: double-pendulum, lengths: [1.0, 0.5], joints: [{order: 0.5, coefficient: 0.1}], "
@@ -99,30 +98,6 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move(oscillator):
     two, three = (np.nanmax(np.asarray(line.get_ydata())) for line in below.lines)
     # both balance exactly
     assert max(two, three) < 1e-14
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize(("final_time", "count"), [(4.0, 2), (24.0, 3), (40.0, 3)])
-def test_what_is_small_beside_the_works_has_a_panel_of_its_own(final_time, count):
-    text = OSCILLATOR.replace("final_time: 4.0", f"final_time: {final_time}")
-    figure = balance_figure(*made(text.replace("32, 64", "200").replace("[2, 3]", "2")))
-    assert len(figure.axes) == count
-    upper = [
-        {str(line.get_label()): np.abs(line.get_ydata()).max() for line in axes.lines}
-        for axes in figure.axes[:-1]
-    ]
-    assert all(max(one.values()) > 0.1 for one in upper)
-    if count == 3:
-        assert set(upper[1]) == {"stored part $E_s$ of $W_d$", "$E + W_d - W_f$"}
-        assert max(upper[1].values()) < 0.1 * max(upper[0].values())
-
-
-def test_momenta_show_every_symmetry_and_leave_out_methods_without(planet):
-    figure = momenta_figure(*planet)
-    values = drawn(figure)["angular momentum"]["y"]
-    assert values[0] == pytest.approx(1.1)
-    assert values[-1] < 1.0
-    assert len(figure.axes[1].lines) == 1
 
 
 def test_paths_lead_from_the_start_through_the_stored_points(planet):
@@ -225,12 +200,11 @@ def test_lines_of_a_waterfall_do_not_touch_and_use_their_room(text, masses):
 
 def test_what_cannot_be_drawn_is_told_with_its_reason():
     text = OSCILLATOR.replace("store: {diagnostics: [energy-balance]}", "")
-    figures_key = "figures: [balance, momenta, phase, path, waterfall]\n"
+    figures_key = "figures: [balance, phase, path, waterfall]\n"
     bare, runs = made(text + figures_key)
     told = plotting.left_out([(bare, runs)])
     assert [line.split(" figure")[0] for line in told] == [
         "one: no balance",
-        "one: no momenta",
         "one: no path",
         "one: no waterfall",
     ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -36,8 +36,6 @@ MOST_COMPONENTS = 4
 _VISIBLE = 0.1  # least visible error, as a share of the largest position
 _STEEP = 0.05  # an energy that falls below this share within a third of the time is logarithmic
 _EPSILON = float(np.finfo(float).eps)
-_PANEL_DIGITS = 1e-6
-_LOW = 0.1  # energies that stay below this share of the largest have a panel of their own
 MOST_PANELS = 8
 """Most quantities that are drawn, the first ones."""
 
@@ -169,62 +167,23 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     if found.stored_energy is not None and np.any(found.stored_energy):
         parts["stored part $E_s$ of $W_d$"] = found.stored_energy
     parts[together] = energy + found.dissipated_work - found.forcing_work
-    defects = [np.abs(_column(_diagnostics(item).energy_defect, 0)) for item in shown]
-    upper = with_unit("energy, work", experiment.units, "energy")
-    lower = with_unit(f"defect $|{together.strip('$')} - E_0|$", experiment.units, "energy")
-    return _balance(experiment, shown, best, parts, defects, (upper, lower))
-
-
-def momenta_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the momentum maps of the most accurate run, and their largest defect by method."""
-    shown = select_runs(finished, has_momenta)
-    best = most_accurate(shown)
-    found = _diagnostics(best)
-    parts = {
-        f"{name} momentum": _column(found.momentum_map, index)
-        for index, name in enumerate(found.map_names)
-    }
-    defects = []
-    for item in shown:
-        values = _diagnostics(item).momentum_map_defect
-        defects.append(np.zeros(0) if values is None else np.abs(values).max(axis=1))
-    upper = with_unit("momentum map", experiment.units, "momentum")
-    lower = with_unit(r"defect $|J - J_0 - \mathrm{impulse}|$", experiment.units, "momentum")
-    return _balance(experiment, shown, best, parts, defects, (upper, lower))
-
-
-def _balance(
-    experiment: Experiment,
-    shown: Sequence[FinishedRun],
-    best: FinishedRun,
-    parts: Mapping[str, Array],
-    defects: Sequence[Array],
-    labels: tuple[str, str],
-) -> Figure:
-    """Draw quantities of one run above, and defects of all methods below, logarithmically."""
+    defects = [np.abs(_defect(item)) for item in shown]
     scale = max(float(max(np.abs(values).max() for values in parts.values())), 1e-300)
     dashes = [*LINE_STYLES[:3], *LINE_STYLES[4:]]
     curves = []
     for index, (label, values) in enumerate(parts.items()):
         look = Look(colour=COLOURS[index % len(COLOURS)], dashes=dashes[index % len(dashes)])
-        if index == len(parts) - 1 and len(parts) > 1:
+        if index == len(parts) - 1:
             look = Look(colour=INK, dashes=LINE_STYLES[3], width=1.6)
-        # the floor of a sum that may be zero follows from its parts
-        floor = _PANEL_DIGITS * scale
-        curves.append(Curve(x=best.trajectory.time, y=values, label=label, look=look, floor=floor))
+        curves.append(Curve(x=best.trajectory.time, y=values, label=label, look=look))
     rounding = _EPSILON * scale * math.sqrt(best.run.n_steps)
-    floors = [10 * _EPSILON * scale * math.sqrt(item.run.n_steps) for item in shown]
-    own = run_curves(shown, defects, floors=floors)
-    if len(own) == 1:
-        own = [replace(own[0], label=f"defect, {own[0].label}")]
-    low = [one for one in curves if np.abs(one.y).max() < _LOW * scale]
-    if all(np.abs(one.y).max() < _PANEL_DIGITS * scale for one in low):
-        low = []
-    large = [one for one in curves if one not in low]
+    upper = with_unit("energy, work", experiment.units, "energy")
+    lower = with_unit(f"defect $|{together.strip('$')} - E_0|$", experiment.units, "energy")
     panels = [
-        Panel(y=labels[0], curves=large, height=1.7),
-        *([Panel(y=labels[0], curves=low, height=0.9)] if low else []),
-        Panel(y=labels[1], curves=own, height=1.2, is_log=True, rounding=rounding),
+        Panel(y=upper, curves=curves, height=1.7),
+        Panel(
+            y=lower, curves=run_curves(shown, defects), height=1.2, is_log=True, rounding=rounding
+        ),
     ]
     return _figure(experiment, [best], panels)
 
@@ -311,11 +270,6 @@ def has_balance(item: FinishedRun) -> bool:
     return _diagnostics(item).energy_defect is not None
 
 
-def has_momenta(item: FinishedRun) -> bool:
-    """Whether a run was stored with momentum maps."""
-    return bool(_diagnostics(item).map_names)
-
-
 def has_quantities(item: FinishedRun) -> bool:
     """Whether a run has requested quantities."""
     return bool(observed_of(item).quantities)
@@ -332,10 +286,9 @@ def _diagnostics(item: FinishedRun) -> Diagnostics:
     return Diagnostics() if found is None else found
 
 
-def _column(values: Array | None, index: int) -> Array:
-    if values is None:
-        return np.zeros(0)
-    return values if values.ndim == 1 else values[:, index]
+def _defect(item: FinishedRun) -> Array:
+    found = _diagnostics(item).energy_defect
+    return np.zeros(0) if found is None else found
 
 
 def select_runs(
