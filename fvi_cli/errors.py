@@ -5,9 +5,6 @@ Wrong arguments raise :class:`ValueError`; the others are raised for requests an
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import fields
-
 
 class ArgumentError(ValueError):
     """An argument, or a value of a configuration, that is not allowed.
@@ -39,28 +36,6 @@ class ArgumentError(ValueError):
 
     def __str__(self) -> str:
         return f"{self.key}: {self.message}" if self.key else self.message
-
-
-def missing_attribute(
-    owner: object, name: str, places: Sequence[tuple[str, type, str]]
-) -> AttributeError:
-    """The error of an attribute that is not there, with the first place that has it.
-
-    Parameters
-    ----------
-    owner, name
-        Whose attribute was asked for.
-    places
-        Paths from the owner, the dataclass found there, and what a run needs to have it, such as
-        ``("observed", Observed, ", of a run with quantities")``.
-    """
-    found = [
-        f"; write {path}.{name}{needs}"
-        for path, kind, needs in places
-        if name in {one.name for one in fields(kind)}
-    ]
-    words = f"{type(owner).__name__} has no attribute {name!r}{''.join(found[:1])}"
-    return AttributeError(words, name=name, obj=owner)
 
 
 class FviError(Exception):

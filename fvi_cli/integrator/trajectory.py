@@ -5,28 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.errors import missing_attribute
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
 from fvi_cli.integrator.results.observed import Observed
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.results.showing import dataframe_of, dataset_of, html_of
+from fvi_cli.integrator.results.showing import dataframe_of, dataset_of
 from fvi_cli.mathematics.arrays import Array
 
 Status = Literal["ok", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
-
-
-PLACES = (
-    ("observed", Observed, ", of a run with quantities: {drift: x2 - x1}, or events"),
-    ("diagnostics", Diagnostics, ", of a run with store: {diagnostics: [energy-balance]}"),
-)
-"""Where a trajectory has further attributes: name, class, and the run that has it, in words."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -127,11 +119,6 @@ class Trajectory:
     observed: Observed | None = None
     coordinates: tuple[str, ...] = ()
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise missing_attribute(self, name, PLACES)
-
     @property
     def outcome(self) -> Outcome | None:
         """Whether a tolerance was met; None if there was no tolerance."""
@@ -145,11 +132,6 @@ class Trajectory:
     def __repr__(self) -> str:
         """The trajectory in one line."""
         return f"<{self._line()}>"
-
-    def _repr_html_(self) -> str:
-        """A line, a picture and a small table, for notebooks."""
-        names = self._names()
-        return html_of(self._line(), self.time, names, self.position, self._columns())
 
     def to_dataframe(self) -> Any:
         """A pandas DataFrame over the times: ``x1``, momenta ``p_x1``, energy and quantities.

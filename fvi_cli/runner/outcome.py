@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import html
-import io
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -13,24 +10,17 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from fvi_cli.errors import RequestError, missing_attribute
+from fvi_cli.errors import RequestError
 from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.trajectory import PLACES, Trajectory
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.reports.naming import member_columns
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import EXTENTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-DOTS_PER_INCH = 80
-_PLACES = (
-    ("finished[0]", FinishedRun, ""),
-    ("finished[0].run", Run, ""),
-    ("finished[0].trajectory", Trajectory, ""),
-    *((f"finished[0].trajectory.{path}", kind, needs) for path, kind, needs in PLACES),
-)
 _NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
 
 
@@ -41,36 +31,10 @@ class Outcome:
     experiment: Experiment  # the requested experiment
     finished: tuple[FinishedRun, ...]  # in the order of Experiment.runs
 
-    if not TYPE_CHECKING:
-
-        def __getattr__(self, name: str) -> Any:
-            raise missing_attribute(self, name, _PLACES)
-
     def __repr__(self) -> str:
         """A line for the experiment and one for each of its methods."""
         lines = (f"  {' '.join(row)}" for row in self._by_method())
         return "\n".join([f"<Outcome {self.experiment.name}", *lines]) + ">"
-
-    def _repr_html_(self) -> str:
-        """A small table and the first figure, for notebooks."""
-        rows = "".join(
-            f"<tr>{''.join(f'<td>{html.escape(word)}</td>' for word in row)}</tr>"
-            for row in self._by_method()
-        )
-        name = html.escape(self.experiment.name)
-        return f"<p><b>{name}</b></p><table>{rows}</table>{self._first_figure()}"
-
-    def _first_figure(self) -> str:
-        """The first figure as an HTML element; empty without a figure."""
-        from fvi_cli.plotting import figures_for
-
-        study = (self.experiment, self.finished)
-        for figure in figures_for([study], name=self.experiment.name).values():
-            file = io.BytesIO()
-            figure.savefig(file, format="png", dpi=DOTS_PER_INCH)
-            picture = base64.b64encode(file.getvalue()).decode()
-            return f'<img src="data:image/png;base64,{picture}">'
-        return ""
 
     def plot(self, figure: str | Mapping[str, Any] | None = None) -> Figure:
         """Draw one figure, by default the first one of the experiment.

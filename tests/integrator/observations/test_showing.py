@@ -1,13 +1,10 @@
-"""Trajectories as lines, pictures, data frames and datasets."""
-
-import re
+"""Trajectories as lines, data frames and datasets."""
 
 import numpy as np
 import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
 @pytest.fixture(scope="module")
@@ -37,30 +34,6 @@ def test_a_dataset_has_named_axes(run):
     data = run.to_xarray()
     assert data.position.sel(coordinate="x2", time=0.3).item() == run.position[3, 1]
     assert data.drift.dims == ("time",)
-
-
-def test_a_notebook_shows_a_picture_and_a_table(run):
-    text = run._repr_html_()
-    assert text.count("<polyline") == 2
-    assert text.count("<tr>") == 9
-    assert "<th>drift</th>" in text
-    assert len(text) < 20_000
-    (height,) = re.findall(r'<svg width="\d+" height="(\d+)"', text)
-    curves = [
-        np.array(re.findall(r",(\S+?)[ \"]", one), float) for one in text.split("points=")[1:]
-    ]
-    assert (np.min(curves), np.max(curves)) == (0.0, float(height))
-    # what rests has a picture too
-    still = fvi.integrate(spring(T=1.0, k=0.0, x=1.0), "gauss2", 4)
-    assert ",0.0 " in still._repr_html_()
-
-
-def test_a_run_that_fails_in_its_first_step_has_a_table_and_no_picture():
-    data = {"initial_position": 2.0, "initial_velocity": 3.0, "final_time": 3.0}
-    steep = lagrangian_scene(coordinates=["x"], lagrangian="0.5*vx**2 + exp(x)", **data)
-    text = fvi.integrate(steep, "gauss2", 3)._repr_html_()
-    assert "<svg" not in text
-    assert text.count("<tr>") == 2
 
 
 def test_runs_of_a_configuration_know_their_coordinates():
