@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 import os
 import secrets
 from collections.abc import Callable, Sequence
@@ -13,7 +12,7 @@ from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.memory import memory_table, run_memory
 from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
-from benchmarks.tolerances import PULSE_REMARK, run_tolerances, tolerance_table
+from benchmarks.tolerances import run_tolerances, tolerance_table
 from benchmarks.truth import run_truth, truth_table
 from fvi_cli.storage.provenance import package_versions, platform_name
 from tests.hard_cases.judge import hard_cases_page
@@ -27,19 +26,6 @@ SECTIONS: dict[str, tuple[str, Callable[[int], str]]] = {
 
 PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "hard-cases": ("Hard cases", lambda asked: hard_cases_page()),
-    "pulses": (
-        "Whether tolerances are kept where forces are narrow pulses",
-        lambda asked: tolerance_table(
-            run_tolerances(
-                asked.per_kind,
-                by_hand_every=0,
-                kept=asked.output / "pulses.csv",
-                seconds=asked.seconds,
-                with_pulses=True,
-            ),
-            PULSE_REMARK,
-        ),
-    ),
     "startup": (
         "What a command takes before it begins",
         lambda asked: startup_table(run_startup()),
@@ -47,14 +33,7 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
     "truth": ("Whether printed numbers are true", lambda asked: _truth_page(asked)),
     "tolerances": (
         "Whether tolerances are kept",
-        lambda asked: tolerance_table(
-            run_tolerances(
-                asked.per_kind,
-                by_hand_every=asked.by_hand_every,
-                kept=asked.output / "tolerances.csv",
-                seconds=asked.seconds,
-            )
-        ),
+        lambda asked: tolerance_table(list(run_tolerances(1e-3 * asked.per_mille))),
     ),
 }
 """What has a page of its own, and is measured only when it is named."""
@@ -83,29 +62,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="linear scenes take 2^E steps (default 20); fewer than 2^20 are a trial",
     )
     parser.add_argument(
-        "--per-kind", type=int, default=40, metavar="N", help="tolerances, pulses: scenes"
-    )
-    parser.add_argument(
-        "--by-hand-every",
-        type=int,
-        default=8,
-        metavar="N",
-        help="tolerances: every N-th scene is solved by hand as well, 0: none",
-    )
-    parser.add_argument(
-        "--seconds",
-        type=float,
-        default=math.inf,
-        metavar="S",
-        help="tolerances, pulses: begin no more scenes after this time; the same command goes on "
-        "from tolerances.csv or pulses.csv, which is to be removed where the program has changed",
-    )
-    parser.add_argument(
         "--per-mille",
         type=int,
         default=1000,
         metavar="N",
-        help="truth: so many thousandths of all scenes (default 1000)",
+        help="tolerances, truth: so many thousandths of all scenes (default 1000)",
     )
     parser.add_argument(
         "--seed",
@@ -132,10 +93,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         command = name
         if name == "truth":
             command += f" --per-mille {asked.per_mille} --seed {asked.seed}"
-        if name == "pulses":
-            command += f" --per-kind {asked.per_kind}"
         if name == "tolerances":
-            command += f" --per-kind {asked.per_kind} --by-hand-every {asked.by_hand_every}"
+            command += f" --per-mille {asked.per_mille}"
         _write_page(asked.output / f"{name}.md", title, command, measure(asked))
     sections = [name for name in asked.sections or SECTIONS if name in SECTIONS]
     if not sections:

@@ -1,4 +1,4 @@
-"""Random scenes whose forces are narrow pulses, and such as begin singularly, with output times.
+"""Random scenes whose forces are narrow pulses.
 
 A pulse of a linear scene moves it by the convolution with the response to an impulse, which is the
 free motion with Riemann-Liouville derivatives from 0 with a velocity; that has a closed form.
@@ -6,23 +6,22 @@ free motion with Riemann-Liouville derivatives from 0 with a velocity; that has 
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from benchmarks.tolerance_scenes import Array, Drawn, Known, Random
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.linear_response import ExactSolution, match_scene
 
 TIMES = 60
 NODES = 14
-LEAST_WIDTH, MOST_WIDTH = -5.0, -2.0
-"""Decades of the widths of pulses, relative to T."""
 SLOPED = 0.7
 OF_SCALE = 1e-12
 """Error of the closed forms, relative to the motion and to the pulse."""
@@ -60,8 +59,18 @@ def _closed(scene: Scene) -> ExactSolution:
     return found
 
 
-def _draw(random: Random, slope: float = 0.0, **start: float) -> Drawn:
-    """A linear oscillator that one or two pulses push beside a line, or in a free motion."""
+def _draw(
+    random: Random,
+    *,
+    slope: float = 0.0,
+    widths: tuple[float, float] = (-4.0, -2.0),
+    told_at: Sequence[float] = (),
+    **start: float,
+) -> Drawn:
+    """A linear oscillator that one or two pulses push beside a line, or in a free motion.
+
+    Decades of the widths of pulses are relative to T, break points in widths from their middles.
+    """
     final_time = float(random.uniform(2, 30))
     damping = [FractionalDamping(order=_order(random), coefficient=10 ** random.uniform(-2, 0.5))]
     stiffness = float(10 ** random.uniform(-0.5, 1.5))
@@ -69,7 +78,7 @@ def _draw(random: Random, slope: float = 0.0, **start: float) -> Drawn:
     texts = [f"{SLOPED!r} + {slope!r}*t"] if slope else []
     for _ in range(random.integers(1, 3)):
         formula, shape, reach = PROFILES[str(random.choice(list(PROFILES)))]
-        width = final_time * float(10 ** random.uniform(LEAST_WIDTH, MOST_WIDTH))
+        width = final_time * float(10 ** random.uniform(*widths))
         middle = float(random.uniform(min(reach * width, 0.5 * final_time), 0.9 * final_time))
         height = float(random.choice([-1.0, 1.0]) * 10 ** random.uniform(-1, 1))
         texts.append(f"{height!r}*" + formula.replace("{u}", f"((t - {middle!r})/{width!r})"))
@@ -85,7 +94,12 @@ def _draw(random: Random, slope: float = 0.0, **start: float) -> Drawn:
         return linear_oscillator(**data)
 
     starts = {f"initial_{name}": value for name, value in start.items()}
-    scene = oscillator(forcing=Forcing.from_text(" + ".join(texts)), **starts)
+    forcing = Forcing.from_text(" + ".join(texts))
+    points = sorted({m + share * w for _, m, w, _, _ in pulses for share in told_at})
+    ends = [one for one in points if 0.0 < one < final_time]
+    components = forcing.components
+    pieces = [ForcingPiece(components=components, until=end) for end in (*ends, math.inf)]
+    scene = oscillator(forcing=Forcing(pieces=tuple(pieces)), **starts)
 
     def known() -> Known:
         impulse = _closed(oscillator(initial_velocity=1.0, derivative="riemann-liouville"))
@@ -109,7 +123,7 @@ def _draw(random: Random, slope: float = 0.0, **start: float) -> Drawn:
         )
 
     kind = "pulses on a slope" if slope else "pulses in motion" if start else "pulses at rest"
-    return Drawn(kind=kind, scene=scene, known=known, with_output=True)
+    return Drawn(kind=f"narrower {kind}" if told_at else kind, scene=scene, known=known)
 
 
 def _pushed(
@@ -142,49 +156,29 @@ def _pushed(
     return total
 
 
-def pulses_at_rest(random: Random) -> Drawn:
+def pulses_at_rest(random: Random, **more: Any) -> Drawn:
     """Pulses push an oscillator that is at rest."""
-    return _draw(random)
+    return _draw(random, **more)
 
 
-def pulses_in_motion(random: Random) -> Drawn:
+def pulses_in_motion(random: Random, **more: Any) -> Drawn:
     """Pulses push a free motion."""
-    return _draw(
-        random,
-        position=float(random.uniform(-1, 1)),
-        velocity=float(random.uniform(-1, 1)),
-    )
+    position, velocity = random.uniform(-1, 1, 2).tolist()
+    return _draw(random, position=position, velocity=velocity, **more)
 
 
-def pulses_on_a_slope(random: Random) -> Drawn:
+def pulses_on_a_slope(random: Random, **more: Any) -> Drawn:
     """Pulses beside a straight line."""
-    return _draw(random, float(random.uniform(-0.1, 0.1)))
+    return _draw(random, slope=float(random.uniform(-0.1, 0.1)), **more)
 
 
-def riemann_liouville(random: Random) -> Drawn:
-    """Riemann-Liouville derivatives of orders up to 1.99 from 0 with a velocity."""
-    final_time = float(random.uniform(1, 20))
-    scene = linear_oscillator(
-        stiffness=float(10 ** random.uniform(-0.5, 1.5)),
-        damping=[FractionalDamping(order=_order(random), coefficient=10 ** random.uniform(-2, 1))],
-        initial_velocity=float(random.choice([-1.0, 1.0]) * random.uniform(0.1, 2.0)),
-        derivative="riemann-liouville",
-        final_time=final_time,
-    )
-
-    def known() -> Known:
-        found = _closed(scene)
-        times = np.sort(final_time * random.uniform(0.0, 1.0, TIMES) ** 2)
-        values = found.position(times).reshape(times.size, -1)
-        error = 3e-13 * float(np.abs(values).max())
-        return Known(times=times, positions=values, error=error, source=found.source)
-
-    return Drawn(kind="Riemann-Liouville", scene=scene, known=known, with_output=True)
-
-
-PULSE_KINDS: tuple[Callable[[Random], Drawn], ...] = (
+PULSES: tuple[Callable[..., Drawn], ...] = (
     pulses_at_rest,
     pulses_in_motion,
     pulses_on_a_slope,
-    riemann_liouville,
 )
+NARROWER_PULSES = tuple(
+    functools.partial(draw, widths=(-8.0, -4.0), told_at=(-20.0, -4.0, 0.0, 4.0, 20.0))
+    for draw in PULSES
+)
+"""With break points at the pulse and around it, in widths."""

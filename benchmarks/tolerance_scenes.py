@@ -50,12 +50,11 @@ class Known:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Drawn:
-    """A random scene; `known` is made when it is asked for; also what is reported is compared."""
+    """A random scene; `known` is made when it is asked for."""
 
     kind: str
     scene: Scene
     known: Callable[[], Known]
-    with_output: bool = False
 
 
 def _damping(order: float, coefficient: float, dimension: int = 1) -> list[FractionalDamping]:
