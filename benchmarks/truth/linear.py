@@ -220,15 +220,15 @@ def stability(random: Random, words: list[str]) -> Claims:
         "method": {"bdf": p, "sampling": sampling, "degree": 1},
         "ladder": {"steps": steps},
     }
-    repeat(words, config, "stability", "--no-observe")
+    repeat(words, config, "stability")
     printed: list[tuple[int, str]] = []
     if random.random() < 0.1:
-        _, _, tables = command(config, "stability", "--no-observe")
+        _, _, tables = command(config, "stability")
         lines = tables["stability"]
         printed += [(int(line["n_steps"]), line["predicted"]) for line in lines]
     else:
-        (table,) = fvi.stability(config, observe=False)
-        printed += [(r.run.n_steps, r.verdict) for r in table.rows]
+        (table,) = fvi.stability(config)
+        printed += [(r.run.n_steps, r.prediction.verdict) for r in table.rows]
 
     def grows(h: float, n_steps: float) -> bool | None:
         """Whether a mode outgrows 1000 in so many steps; None where it nearly does."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -189,5 +189,5 @@ def response(
     frequencies(frequency)
     call.gather(configs)
     tasks = functools.partial(linear_tasks, action="response")
-    options = {"frequency": frequency, "force": force or (), "at": at or ()}
+    options: dict[str, Any] = {"frequency": frequency, "force": force or (), "at": at or ()}
     return call.each(compute_response, tasks=tasks, **options)

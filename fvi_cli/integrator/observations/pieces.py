@@ -172,4 +172,4 @@ def by_owner(owner: Places, steps: Places, count: int) -> list[tuple[int, Places
 def coefficients_of(values: Array) -> Array:
     """Chebyshev coefficients of values, both of shape ``(n, POINTS)``."""
     # a single point without a value, such as t = 0, is no reason to halve
-    return np.matmul(np.where(np.isfinite(values), values, 0.0), _TO_COEFFICIENTS)
+    return np.asarray(np.where(np.isfinite(values), values, 0.0) @ _TO_COEFFICIENTS)

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -121,7 +121,7 @@ def _changes(
         is_resolved = np.abs(first + second - _change(left, right)) < LARGEST_MISMATCH
         # a half next to one that changes fast may hide a whole turn
         done = is_resolved & (np.maximum(np.abs(first), np.abs(second)) <= LARGEST_CHANGE)
-        kept = []
+        kept: list[list[Any]] = []
         halves = ((first, low, middle, left, new), (second, middle, high, new, right))
         for change, start, end, here, there in halves:
             total += np.bincount(owner[done], weights=change[done].imag, minlength=n)
@@ -130,7 +130,8 @@ def _changes(
         # a zero on the path itself would be halved for ever
         total[np.bincount(owner, minlength=n) > MOST_PENDING + fine.size] = np.nan
         going = np.isfinite(total[owner])
-        owner, low, high, left, right = (one[going] for one in (owner, low, high, left, right))
+        owner, low, high = owner[going], low[going], high[going]
+        left, right = left[going], right[going]
         if not owner.size:
             return total
         middle = 0.5 * (low + high)
