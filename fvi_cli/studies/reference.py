@@ -11,8 +11,8 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.local_error.looks import sample_forces
 from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.meshes.samples import sample_forces
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array

@@ -9,7 +9,8 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.defect import Between, StepPath, stiff_modes
 from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.local_error.looks import ForceSamples, Looks
+from fvi_cli.integrator.local_error.looks import Looks
+from fvi_cli.integrator.meshes.samples import ForceSamples
 from fvi_cli.integrator.step_tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 

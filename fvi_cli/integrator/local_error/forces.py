@@ -13,16 +13,13 @@ import numpy as np
 from fvi_cli.effects.forcing import ForcingPiece, formula_of
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.meshes.samples import may_hide
 from fvi_cli.mathematics.algebra.arithmetic import KINKED
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 
-GENTLE_FUNCTIONS: Final = frozenset({"sin", "cos"})
-"""Functions that cannot rise and fall between two samples without a trace in these."""
-GENTLE_KINDS: Final = ("number", "variable", "+", "-", "*", "negate")
 STEEP_FUNCTIONS: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "sinh", "gamma"})
 """Functions of which walls and pulses are made."""
-LARGEST_GENTLE_POWER: Final = 8.0  # higher powers count as steep
 LARGEST_INVERTED: Final = 200
 """Most degrees of freedom for which the mass matrix is inverted for an estimate."""
 MOST_FORMULAS: Final = 8
@@ -148,19 +145,3 @@ def _systems(scene: Scene) -> Iterator[FormulaSystem]:
     for component in () if scene.forcing is None else scene.forcing.components:
         if (formula := formula_of(component)) is not None:
             yield formula.system
-
-
-def may_hide(system: FormulaSystem) -> bool:
-    """Whether a program has anything other than sines and polynomials of low degree."""
-    for place in system.needed:
-        kind, *rest = system.instructions[place]
-        if kind == "/":
-            is_gentle = system.instructions[int(rest[1])][0] == "number"
-        elif kind == "**":
-            exponent = float(rest[1])
-            is_gentle = exponent.is_integer() and 0 <= exponent <= LARGEST_GENTLE_POWER
-        else:
-            is_gentle = kind in (*GENTLE_KINDS, *GENTLE_FUNCTIONS)
-        if not is_gentle:
-            return True
-    return False

@@ -6,7 +6,7 @@ import itertools
 import math
 from dataclasses import dataclass, field
 
-from fvi_cli.integrator.local_error.looks import ForceSamples
+from fvi_cli.integrator.meshes.samples import ForceSamples
 
 FIRST_STEP = 1e-7
 """First step of a stretch on which the motion begins like a power of t, relative to T."""

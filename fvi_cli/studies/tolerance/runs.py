@@ -7,9 +7,9 @@ import math
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.local_error.looks import ForceSamples
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.meshes.samples import ForceSamples
 from fvi_cli.integrator.method import ForcingQuadrature, Method
 from fvi_cli.integrator.run.on_mesh import engine_for, integrate_scenes
 from fvi_cli.integrator.trajectory import Trajectory

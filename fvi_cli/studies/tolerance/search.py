@@ -16,7 +16,7 @@ from typing import Final
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.local_error.looks import sample_forces
+from fvi_cli.integrator.meshes.samples import sample_forces
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread

@@ -8,7 +8,7 @@ from oracles.volterra import solve_volterra
 import fvi_cli as fvi
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.local_error import looks
-from fvi_cli.integrator.local_error.looks import SAMPLES, sample_forces
+from fvi_cli.integrator.meshes.samples import SAMPLES, sample_forces
 
 SHAPES = {
     "exp": "exp(-{u}**2)",
