@@ -68,7 +68,7 @@ def test_a_longest_step_is_kept(fvi, tmp_path):
 
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
     said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
-    assert "refused after" in said
+    assert "refused" in said
     # what was refused is no answer to be used again
     planned = fvi("run", "tuned.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-15")
     assert "reuse" not in planned
@@ -90,11 +90,10 @@ def test_starter_files_show_the_key(fvi):
 
 def test_steps_are_found_on_the_way(fvi, tmp_path):
     assert json.loads(fvi("run", "found.yaml", "--dry-run", "--json"))["runs"][0]["n_steps"] is None
-    said = fvi("run", "found.yaml")
+    fvi("run", "found.yaml")
     (run,) = stored(tmp_path, "found")
     assert run["error"] <= run["estimate"] <= run["tolerance"] == 1e-7
     assert run["outcome"] == "met"
-    assert run["choice"] in said
     assert run["n_steps"] < 40
     with h5py.File(tmp_path / "results" / "found.h5") as file:
         (runs,) = next(iter(file.values())).values()

@@ -30,9 +30,16 @@ from fvi_cli.studies.peak_errors import with_peak_errors
 
 
 def columns_of_words(rows: Sequence[Sequence[str]]) -> str:
-    """Rows of words as columns, the first row as heading."""
-    lines = [tuple(row) for row in rows]
+    """Rows of words as columns, the first row as heading; empty columns are left out."""
+    head, *body = map(tuple, rows)
+    kept = [k for k in range(len(head)) if not body or any(row[k].strip("-") for row in body)]
+    lines = [tuple(row[k] for k in kept) for row in (head, *body)]
     return _as_text(Grid(header=lines[0], rows=tuple(lines[1:])))
+
+
+def _filled(columns: Sequence[Column], items: Sequence[object]) -> list[Column]:
+    """The columns that are not empty."""
+    return [c for c in columns if any(c.show(c.of(one)).strip("-") for one in items)]
 
 
 def _as_text(grid: Grid) -> str:
@@ -62,7 +69,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
                     names[run.method.case].label,
                     str(run.n_steps),
                     f"{run.step_size:.6g}",
-                    "-" if run.problem.exact_source == "none" else f"{finished.error:.3e}",
+                    f"{finished.error:.3e}" if math.isfinite(finished.error) else "-",
                     f"{finished.status}{member}",
                     "may fail" if run.experiment.expects_failure(run.method) else "",
                 )
@@ -77,28 +84,22 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
 
 
 def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> list[str]:
-    """Tolerance, estimate and choice of runs for a tolerance; summarised for sweeps."""
-    rows = [("experiment", "tolerance", "estimate", "choice")]
+    """Tolerance and estimate of runs for a tolerance; of sweeps those nearest to theirs."""
+    rows = [("experiment", "tolerance", "estimate", "outcome", "member")]
     for outcome in outcomes:
         found = [(one.run, one.assurance) for one in outcome.finished if one.assurance is not None]
-        name = outcome.experiment.name
-        if outcome.experiment.members and found:
-            worst, own = max(found, key=lambda one: one[1].estimate / one[1].tolerance)
-            steps = [run.n_steps for run, _ in found]
-            ends = counts_in_words(one.outcome for _, one in found)
-            rows.append(
-                (
-                    name,
-                    f"{own.tolerance:g}",
-                    f"{own.estimate:.3e}",
-                    f"{len(found)} members on {min(steps)} to {max(steps)} adaptive steps, {ends}; "
-                    f"nearest to its tolerance: {worst.member.label if worst.member else name}",
-                )
+        if found and outcome.experiment.members and not every_member:
+            found = [max(found, key=lambda one: one[1].estimate / one[1].tolerance)]
+        rows += [
+            (
+                outcome.experiment.name,
+                f"{own.tolerance:g}",
+                f"{own.estimate:.3e}",
+                own.outcome,
+                run.member.label if run.member else "",
             )
-        if every_member or not outcome.experiment.members:
-            rows += [
-                (name, f"{own.tolerance:g}", f"{own.estimate:.3e}", own.choice) for _, own in found
-            ]
+            for run, own in found
+        ]
     return [columns_of_words(rows)] if len(rows) > 1 else []
 
 
@@ -151,7 +152,7 @@ def _quantities_as_text(runs: Iterable[About]) -> list[str]:
         left_out = ("peak_error",) * (not is_own) + ("error",) * (not is_of_position)
         shown = [one for one in columns if one.name not in left_out]
         if items:
-            texts.append(_as_text(grid_of([*named, *shown], items)))
+            texts.append(_as_text(grid_of(_filled([*named, *shown], items), items)))
     return texts
 
 
@@ -171,8 +172,8 @@ def _members_as_text(outcome: Outcome) -> str:
                 labels[case].label,
                 str(n_steps),
                 str(len(runs)),
-                f"{statistics.median(errors.values()) if errors else math.nan:.3e}",
-                f"{errors.get(worst, math.nan):.3e}",
+                f"{statistics.median(errors.values()):.3e}" if errors else "-",
+                f"{errors[worst]:.3e}" if errors else "-",
                 counts_in_words(one.status for one in runs),
                 "" if worst is None else worst.label,
             )
@@ -204,8 +205,7 @@ def _method(case: str) -> str:
 def contents_as_text(stored: StoredFile) -> str:
     """The provenance of a result file, and one line for every run in it."""
     lines = [f"{name}: {value}" for name, value in stored.provenance.items()]
-    is_varied = any(run.variant for run in stored.runs)
-    grid = grid_of([c for c in _STORED_COLUMNS if is_varied or c.name != "variant"], stored.runs)
+    grid = grid_of(_filled(_STORED_COLUMNS, stored.runs), stored.runs)
     tables = _quantities_as_text(
         About(
             experiment=run.experiment,

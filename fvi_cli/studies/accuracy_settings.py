@@ -68,7 +68,6 @@ class Assurance:
 
     tolerance: float  # requested tolerance, a length
     estimate: float  # estimated error; nan where no second run could be compared
-    choice: str  # one line: the method and number of steps, and why
     attempts: tuple[str, ...]  # one line for every run of the search, this one included
     outcome: Outcome = "met"
     """``met``, ``unreliable`` or ``refused``."""

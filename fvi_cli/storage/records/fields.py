@@ -183,7 +183,6 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("event_counts", "how often events happened", _counts, form="json"),
     Field("tolerance", "largest error that was asked for", _A + "tolerance"),
     Field("estimate", "estimated error", _A + "estimate"),
-    Field("choice", "method and steps that were chosen, and why", _A + "choice", form="words"),
     Field("attempts", "what was tried", _A + "attempts", form="json", decode=_texts),
     Field("outcome", "whether the tolerance is met", _A + "outcome"),
     Field("relative", "share of the largest position that was asked for", _A + "relative"),

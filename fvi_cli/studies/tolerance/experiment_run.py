@@ -10,7 +10,6 @@ import numpy as np
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.observe import integrate_requested, observe_members
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
@@ -61,13 +60,7 @@ def run_for_tolerance(
         )
     floor = 100 * EPSILON * unit * float(np.abs(trajectory.position).max())
     status: Observed = "floor" if error < floor else "ok"
-    message = _message(run, known)
-    trajectory = replace(
-        trajectory,
-        remarks=(*trajectory.remarks, f"accuracy: {message}"),
-        assessment=known,
-        steps=None,
-    )
+    trajectory = replace(trajectory, assessment=known, steps=None)
     if known.outcome != "met":
         reason = "unreliable: " * (known.outcome == "unreliable") + known.reason
         trajectory, status = replace(trajectory, status="refused", message=reason), "refused"
@@ -81,7 +74,6 @@ def run_for_tolerance(
         assurance=Assurance(
             tolerance=tolerance or unit * known.tolerance,
             estimate=unit * known.estimate,
-            choice=message,
             attempts=known.attempts,
             outcome=known.outcome,
             relative=accuracy.relative,
@@ -159,14 +151,4 @@ def _held_against_exact(
         outcome="unreliable",
         reason=f"the exact solution differs from the run by {error:.2g}, a second run by "
         f"{unit * known.estimate:.2g}; write exact: none to go by the second run",
-    )
-
-
-def _message(run: Run, assessment: Assessment) -> str:
-    rounds = len(assessment.attempts)
-    return (
-        f"{method_name(run.method)} on {run.n_steps} adaptive steps: estimated error "
-        f"{assessment.estimate:.2g} "
-        f"for a tolerance of {assessment.tolerance:.3g}, {assessment.outcome} after {rounds} "
-        f"round{'' if rounds == 1 else 's'}"
     )
