@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -15,23 +16,20 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, is_sparse, symmetric_form
 from fvi_cli.effects.matrices import form as shortest
-from fvi_cli.keys.complaints import excerpt, listed
+from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.scenes.records.data_files import (
     DataFileError,
     check_lines,
     parse_number,
     read_content,
 )
-from fvi_cli.scenes.structures.archives import read_mat, read_npy, read_npz
-from fvi_cli.scenes.structures.declared import (
-    MOST_DENSE_ROWS,
-    DeclaredError,
-    check_rows,
-    checked_sparse,
-)
 
 LARGEST_FILE: Final = 400_000_000
-"""Most bytes of a file of a matrix."""
+"""Most bytes of a file of a matrix, and of what it unpacks to."""
+MOST_ROWS: Final = 300_000
+"""Most rows of a sparse matrix."""
+MOST_DENSE_ROWS: Final = 2000
+"""Most rows of a dense matrix."""
 _COMMENTS: Final = re.compile(rb"(?:%[^\n]*\n|[ \t\r]*\n)*+")
 _DIGITS: Final = b"0123456789+-.eE \t\r\n"
 _BETWEEN: Final = re.compile(r"[,;\s]+")
@@ -63,21 +61,20 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> Form:
             raise DataFileError(f"{name}: {message}")
         else:
             value = _READERS[suffix](content, name)
+        if is_sparse(value) and value.format in ("csr", "csc", "bsr"):
+            # an index outside of the matrix would crash the process
+            value.check_format(full_check=True)
     except DataFileError:
         raise
-    except DeclaredError as error:
-        raise DataFileError(f"{name}: {error}") from None
     except Exception as error:
         # libraries raise nearly any exception for bytes of another format
         reason = excerpt(str(error) or type(error).__name__, 160)
         raise DataFileError(f"{name}: not a readable {suffix} file: {reason}") from None
     if value.dtype.kind not in "iuf":
         raise DataFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
+    _check_rows(value.shape, name, sparse=True)
     try:
-        check_rows(value.shape, sparse=True)
         return _symmetric(value, name)
-    except DeclaredError as error:
-        raise DataFileError(f"{name}: {error}") from None
     except ValueError as error:
         raise DataFileError(str(error)) from None
 
@@ -91,23 +88,34 @@ def _symmetric(value: Any, name: str) -> Form:
             if len(value) > MOST_DENSE_ROWS:
                 value = shortest(value)
         if not is_sparse(value):
-            check_rows(value.shape, sparse=False)
+            _check_rows(value.shape, name, sparse=False)
         return symmetric_form(value, name)
+
+
+def _check_rows(shape: Sequence[int], name: str, *, sparse: bool) -> None:
+    """Refuse a shape that is not square or too large."""
+    if len(shape) != 2 or shape[0] != shape[1] or shape[0] < 1:
+        text = " x ".join(map(str, shape))
+        raise DataFileError(f"{name}: it is {text or 'a number'}; a square matrix is needed")
+    most = MOST_ROWS if sparse else MOST_DENSE_ROWS
+    if shape[0] > most:
+        kind, hint = ("sparse", "") if sparse else ("dense", "; save it as a sparse matrix")
+        raise DataFileError(
+            f"{name}: it has {shape[0]} rows; a {kind} matrix may have {most}{hint}"
+        )
 
 
 def _market(content: bytes, name: str) -> Any:
     from scipy.io import mminfo, mmread
 
     rows, columns, entries, layout, *_ = mminfo(io.BytesIO(content))
-    is_sparse = layout == "coordinate"
-    if is_sparse:
-        check_rows((rows, columns), sparse=True)
+    if layout == "coordinate":
+        _check_rows((rows, columns), name, sparse=True)
     # an entry takes a digit and a line break, at least
     if 2 * entries > len(content) + 2:
         raise ValueError(f"{entries} entries are declared, {len(content)} bytes are there")
     _check_digits(content, name)
-    found = mmread(io.BytesIO(content), spmatrix=False)
-    return checked_sparse(found) if is_sparse else found
+    return mmread(io.BytesIO(content), spmatrix=False)
 
 
 def _check_digits(content: bytes, name: str) -> None:
@@ -152,13 +160,55 @@ def _text(content: bytes, name: str) -> NDArray[np.float64]:
     return np.array(rows, dtype=float)
 
 
+def _npz(content: bytes, name: str, variable: str | None) -> Any:
+    """A matrix of an ``.npz`` file of NumPy, or of ``scipy.sparse.save_npz``."""
+    from scipy.sparse import load_npz
+
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        if sum(one.file_size for one in archive.infolist()) > LARGEST_FILE:
+            raise DataFileError(f"{name}: it unpacks to more than {LARGEST_FILE // 10**6} MB")
+    with np.load(io.BytesIO(content), allow_pickle=False) as found:
+        if variable is None and {"format", "shape", "data"} <= set(found.files):
+            return load_npz(io.BytesIO(content))
+        return found[_chosen(found.files, name, variable)]
+
+
+def _mat(content: bytes, name: str, variable: str | None) -> Any:
+    """A matrix of a ``.mat`` file up to MATLAB's version 7."""
+    from scipy.io import loadmat, whosmat
+
+    try:
+        names = [one for one, *_ in whosmat(io.BytesIO(content))]  # type: ignore[arg-type]
+    except NotImplementedError:
+        raise DataFileError(
+            f"{name}: a .mat file of MATLAB 7.3; save it with -v7, or as Matrix Market"
+        ) from None
+    which = _chosen(names, name, variable)
+    return loadmat(io.BytesIO(content), variable_names=[which], spmatrix=False)[which]  # type: ignore[arg-type]
+
+
+def _chosen(names: Sequence[str], name: str, variable: str | None) -> str:
+    """The name of the requested matrix, or of the only one."""
+    if variable is None and len(names) == 1:
+        return names[0]
+    if variable is not None and variable in names:
+        return variable
+    shown = listed(excerpt(one) for one in names[:10])
+    if not names:
+        raise DataFileError(f"{name}: it contains no matrix")
+    if variable is None:
+        raise DataFileError(f"{name}: it holds {shown}; name one of them under variable")
+    hint = suggestion(variable, names)
+    raise DataFileError(f"{name}: has no array called {excerpt(variable)!r}{hint} ({shown})")
+
+
 _READERS: Final[Mapping[str, Callable[[bytes, str], Any]]] = MappingProxyType(
     {
         ".mtx": _market,
-        ".npy": lambda content, name: read_npy(content),
+        ".npy": lambda content, name: np.load(io.BytesIO(content), allow_pickle=False),
         ".csv": _text,
         ".txt": _text,
     }
 )
-_ARCHIVES: Final = MappingProxyType({".npz": read_npz, ".mat": read_mat})
+_ARCHIVES: Final = MappingProxyType({".npz": _npz, ".mat": _mat})
 _SUFFIXES: Final = (".mtx", ".npy", *_ARCHIVES, ".csv", ".txt")
