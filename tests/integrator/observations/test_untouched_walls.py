@@ -95,8 +95,8 @@ def test_the_same_is_said_of_scenes_of_every_kind(seed, kind, what):
     assert said(with_wall) == said(without)
 
 
-def test_each_remark_and_failure_is_met():
-    """The control: the scenes that are drawn have much of which something is said."""
+def test_each_failure_is_met():
+    """The control: of the scenes that are drawn some end before their time."""
     rng = np.random.default_rng(3)
     found = {
         kind: [
@@ -106,9 +106,7 @@ def test_each_remark_and_failure_is_met():
         for kind in LAGRANGIANS
     }
     reasons = {one[1] for every in found.values() for one in every}
-    words = {word[:14] for every in found.values() for one in every for word in one[3]}
     assert {"irregular", "step failed"} <= reasons
-    assert {"steps: h = # i", "steps: h = # m", "motion: it gro"} <= words
 
 
 @pytest.mark.parametrize("speed", [4.0, 0.5])
@@ -116,32 +114,3 @@ def test_a_surface_that_moves_may_take_a_body_anywhere(speed):
     scene = spring((0.5, 0.1), k=0.0, T=3.0, x=1e-9, v=0.0)
     wall = {"when": f"x + 1 - {speed}*t", "restitution": 0.8}
     assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "ok"
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("seed", [22, 38])
-def test_a_wall_inside_of_a_step_is_met_between_impacts(seed):
-    rng = np.random.default_rng(seed)
-    at, order, n_steps = rng.uniform(0.3, 0.6), rng.choice([0.2, 0.5, 0.8]), rng.integers(100, 200)
-    speed, width = rng.uniform(0.5, 2), 10 ** rng.uniform(-5, -2.5)
-    floor = {"floor": {"when": "x", "restitution": 0.8}}
-    wall, none = (
-        fvi.integrate(
-            fvi.lagrangian_scene(
-                coordinates=["x"],
-                lagrangian=f"vx**2/2 - 3*x - {height}*tanh((x - {at})/{width})",
-                initial_position=[1.0],
-                initial_velocity=[speed],
-                final_time=3.0,
-                damping=[FractionalDamping(order=order, coefficient=0.1)],
-            ),
-            "gauss3",
-            int(n_steps),
-            impacts=floor,
-        )
-        for height in (2.0, 0.0)
-    )
-    assert "the momentum changes suddenly" in " ".join(wall.remarks)
-    # the control: impacts alone are no walls
-    assert none.observed.events["floor"].time.size
-    assert not none.remarks
