@@ -40,8 +40,8 @@ Examples
 ('bdf1-nodes-s1-gauss1-none', 0.9)
 >>> sorted(fvi.figures([outcome]))[0]
 'damped-oscillator-convergence'
->>> [table] = fvi.stability(config, observe=False)
->>> {row.verdict for row in table.rows}
+>>> [table] = fvi.stability(config)
+>>> {row.prediction.verdict for row in table.rows}
 {'stable'}
 """
 

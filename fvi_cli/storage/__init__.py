@@ -15,12 +15,11 @@ from fvi_cli.storage.contents import (
     list_runs,
     read_configuration,
 )
-from fvi_cli.storage.files import PARTS_SUFFIX, escape_text
+from fvi_cli.storage.files import escape_text
 from fvi_cli.storage.groups.listing import StoredRun
 from fvi_cli.storage.store import Store, open_results, read_results
 
 __all__ = [
-    "PARTS_SUFFIX",
     "Store",
     "StoredConfiguration",
     "StoredFile",

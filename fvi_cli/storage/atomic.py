@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
-import tempfile
+import secrets
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,55 +21,20 @@ _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 def replace_file(path: Path, content: bytes) -> None:
     """Write `content` to a new file in the folder of `path`, flush it to disk, and rename it."""
-    _remove_abandoned(followed(path))
-    with replacement(path, is_held=True) as handle, os.fdopen(os.dup(handle), "wb") as stream:
+    with replacement(path) as handle, os.fdopen(os.dup(handle), "wb") as stream:
         stream.write(content)
 
 
-def _remove_abandoned(path: Path) -> None:
-    """Remove files that killed processes have left of `path`; running ones hold theirs locked."""
-    for leftover in path.parent.glob(f".{path.name}.*{UNFINISHED}"):
-        with contextlib.suppress(OSError), leftover.open("rb+") as stream:
-            _hold(stream.fileno())
-            leftover.unlink()
-
-
-def _hold(handle: int) -> None:
-    """Lock a file as long as it is open."""
-    try:
-        import fcntl
-    except ModuleNotFoundError:  # not needed on Windows, which cannot remove an open file
-        return
-    fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _held_file(path: Path) -> tuple[int, str]:
-    """A new locked file in the folder of `path`; the lock shows that it is not abandoned."""
-    while True:
-        handle, name = _new_file(path)
-        # a system without locks removes no abandoned files
-        with contextlib.suppress(OSError):
-            _hold(handle)
-        if os.fstat(handle).st_nlink:
-            return handle, name
-        # another process has locked and removed it first
-        os.close(handle)
-
-
-def _new_file(path: Path) -> tuple[int, str]:
-    return tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=UNFINISHED)
-
-
 @contextlib.contextmanager
-def replacement(path: Path, *, is_held: bool = False) -> Iterator[int]:
+def replacement(path: Path) -> Iterator[int]:
     """Descriptor of a new file that replaces `path` when the block has ended.
 
     It is open for reading and writing. On any failure `path` stays as it was, and the new file is
-    removed. Where `path` is a link, its target is replaced. With `is_held` the new file is locked,
-    so that no other process removes it as abandoned.
+    removed. Where `path` is a link, its target is replaced. A file that only its owner may read
+    stays so.
     """
     try:
-        with _replacement(followed(path), is_held=is_held) as handle:
+        with _replacement(followed(path)) as handle:
             yield handle
     except OSError as error:
         # for a full disk the system gives no name, for a folder the name of the unfinished file
@@ -83,20 +49,19 @@ def followed(path: Path) -> Path:
 
 
 @contextlib.contextmanager
-def _replacement(path: Path, *, is_held: bool) -> Iterator[int]:
-    handle, name = _held_file(path) if is_held else _new_file(path)
-    temporary = Path(name)
+def _replacement(path: Path) -> Iterator[int]:
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{UNFINISHED}")
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    handle = os.open(temporary, flags, 0o666)
     try:
         try:
+            if path.exists():
+                temporary.chmod(stat.S_IMODE(path.stat().st_mode))
             yield handle
             os.fsync(handle)
         finally:
             # some systems cannot rename an open file
             os.close(handle)
-        # mkstemp gives the file to its owner alone; a result is as readable as other files
-        mask = os.umask(0)
-        os.umask(mask)
-        temporary.chmod(0o666 & ~mask)
         temporary.replace(path)
         _flush_folder(path.parent)
     except BaseException:

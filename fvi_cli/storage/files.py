@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import itertools
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -16,8 +15,7 @@ from fvi_cli.storage.stream import SafeStream
 
 CREATOR = "fvi-cli"
 
-SUFFIX, PARTS_SUFFIX = ".h5", ".parts"
-"""Endings of a result file, and of the folder for its unfinished runs."""
+SUFFIX = ".h5"
 
 CACHE_BYTES = 2**18
 
@@ -135,21 +133,9 @@ def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
         stream.check()
 
 
-def refuse_old_parts(folder: Path) -> None:
-    """Refuse files of single runs, which an earlier version wrote before it joined them."""
-    for part in folder.glob(f"[!.]*{SUFFIX}"):
-        raise StorageError(
-            f"{part}: waits to be joined by the earlier version of fvi (format 2) that wrote it; "
-            "run its configuration once more with that version, or move the folder away, and its "
-            "runs are computed again"
-        )
-
-
 def remove_unfinished(path: Path) -> None:
     """Remove half-written files of a crash; the lock ensures that no process is writing them."""
-    parts, place = path.with_suffix(PARTS_SUFFIX), followed(path)
-    for leftover in itertools.chain(
-        place.parent.glob(f".{place.name}.*{UNFINISHED}"), parts.glob(f".*{UNFINISHED}")
-    ):
+    place = followed(path)
+    for leftover in place.parent.glob(f".{place.name}.*{UNFINISHED}"):
         with explain_os_error(leftover):
             leftover.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import explain_os_error, file_lock
+from fvi_cli.storage.atomic import file_lock
 from fvi_cli.storage.contents import (
     CONFIGURATION,
     RESOLVED,
@@ -25,10 +25,8 @@ from fvi_cli.storage.digests import (
     specification_of,
 )
 from fvi_cli.storage.files import (
-    PARTS_SUFFIX,
     SUFFIX,
     explain_damage,
-    refuse_old_parts,
     remove_unfinished,
 )
 from fvi_cli.storage.journal import Journal
@@ -97,7 +95,6 @@ class Store:
         self._merged: list[Store] = []
         self._added: set[str] = set()
         self._inputs: Inputs = {}
-        refuse_old_parts(self.parts)
         # the journal first: if it is consolidated meanwhile, the file is opened after that
         self._journal = Journal(path, writes=writes)
         self._file: ResultFile | None = None
@@ -109,11 +106,6 @@ class Store:
         except BaseException:
             self.close()
             raise
-
-    @property
-    def parts(self) -> Path:
-        """Folder of unfinished runs."""
-        return self.path.with_suffix(PARTS_SUFFIX)
 
     @property
     def is_empty(self) -> bool:
@@ -278,7 +270,7 @@ class Store:
                     others,
                 )
             self._write(layout, attributes)
-        self._clear()
+        self._journal.remove()
         return self.path
 
     def _root_attributes(self) -> dict[str, Any]:
@@ -321,11 +313,3 @@ class Store:
             kept = self._journal.path
             held = f"; finished runs are kept in {kept}" if kept.exists() else ""
             raise StorageError(f"{error}{held}") from error
-
-    def _clear(self) -> None:
-        """Remove the journal, and its folder."""
-        self._journal.remove()
-        with explain_os_error(self.parts):
-            if self.parts.is_dir():
-                with contextlib.suppress(OSError):  # a user may keep other files there
-                    self.parts.rmdir()

@@ -74,3 +74,11 @@ def test_a_pipe_in_the_place_of_a_file_does_not_hang(folder):
     os.mkfifo(FILE)
     for reader in READERS:
         assert "is a device or pipe" in fvi(*reader, code=2).stderr
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of Unix")
+def test_a_private_file_stays_private(folder):
+    fvi("run", "small.yaml", "-q", code=0)
+    Path(FILE).chmod(0o600)
+    fvi("run", "small.yaml", "-q", "--set", "ladder.steps=[4]", code=0)
+    assert Path(FILE).stat().st_mode & 0o777 == 0o600

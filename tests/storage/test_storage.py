@@ -293,11 +293,3 @@ def test_fresh_forgets_nothing_before_something_new_is_there(path, runs):
         assert results.finished(runs[0].run) is None
         results.consolidate(configuration())
     assert tree(path.parent) == before
-
-
-def test_other_files_in_the_folder_of_parts_are_left_alone(tmp_path, runs):
-    parts = tmp_path / "sample.parts"
-    parts.mkdir()
-    (parts / "notes.txt").write_text("mine")
-    store(tmp_path, runs)
-    assert sorted(tree(tmp_path)) == ["sample.h5", "sample.parts/notes.txt"]
