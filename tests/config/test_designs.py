@@ -10,6 +10,7 @@ from command_line import fvi, rows_of
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
+from fvi_cli.reports.kinds.designs import design_sheet
 from fvi_cli.storage.digests import identity_of
 
 ZENER = "{storey: 1, law: zener, order: 0.6, time: 0.1, relaxed: 5.0, unrelaxed: 60.0}"
@@ -139,19 +140,17 @@ def test_one_table_holds_designs_and_quantities(tmp_path, monkeypatch):
     tables = [file.read_text(encoding="utf-8") for file in (tmp_path / "results").rglob("*.csv")]
     for text in (said, *tables):
         assert not re.search(r"\{'|\['|None", text)
-    file = tmp_path / "results/tables/building-quantities-designs.csv"
-    rows = rows_of(file)
+    (outcome,) = api.recall("results/building.h5")
+    rows = design_sheet(outcome.finished).rows
     assert [row["design"] for row in rows] == NAMES
-    peaks = {
-        name: np.array([float(row[f"peak_{name}"]) for row in rows]) for name in ("drift", "roof")
-    }
+    peaks = {name: np.array([row[f"peak_{name}"] for row in rows]) for name in ("drift", "roof")}
     for name, found in peaks.items():
-        said_change = [float(row[f"peak_{name}_change"] or 0) for row in rows]
+        said_change = [row[f"peak_{name}_change"] or 0 for row in rows]
         assert said_change == pytest.approx((found / found[0] - 1).tolist(), rel=1e-12)
-    assert [float(row["problem.stiffnesses.2"]) for row in rows] == [60.0, 60.0, 66.0, 60.0]
+    assert [row["problem.stiffnesses.2"] for row in rows] == [60.0, 60.0, 66.0, 60.0]
     for row in rows:
         assert row["design"] in said
-        assert f"{float(row['peak_drift']):.4g}" in said
+        assert f"{row['peak_drift']:.4g}" in said
 
 
 def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, monkeypatch):
@@ -159,17 +158,15 @@ def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, mon
     (tmp_path / "building.yaml").write_text(
         TEXT + "sweep: {problem.masses.0: [2.0, 3.0]}\n", encoding="utf-8"
     )
-    fvi("quantities", "building.yaml", code=0)
-    file = tmp_path / "results/tables/building-quantities-designs.csv"
-    rows = rows_of(file)
-    first = {
-        row["problem.masses.0"]: float(row["peak_drift"]) for row in rows if row["design"] == "bare"
-    }
+    fvi("run", "building.yaml", code=0)
+    (outcome,) = api.recall("results/building.h5")
+    rows = design_sheet(outcome.finished).rows
+    first = {row["problem.masses.0"]: row["peak_drift"] for row in rows if row["design"] == "bare"}
     assert len(set(first.values())) == 2
     for row in rows:
         if row["design"] != "bare":
-            change = float(row["peak_drift"]) / first[row["problem.masses.0"]] - 1
-            assert float(row["peak_drift_change"]) == pytest.approx(change, rel=1e-12)
+            change = row["peak_drift"] / first[row["problem.masses.0"]] - 1
+            assert row["peak_drift_change"] == pytest.approx(change, rel=1e-12)
 
 
 def test_exports_have_the_names_of_designs(tmp_path, monkeypatch):

@@ -253,5 +253,4 @@ def test_the_commands_from_three_exported_files(tmp_path):
     told = fvi(*asked, code=0).stdout
     assert "Load: x13" in told
     assert (output / "tables" / "beam-response.csv").is_file()
-    assert (output / "tables" / "beam-response-peaks.csv").is_file()
     assert (output / "figures" / "beam-response.png").stat().st_size > 1000

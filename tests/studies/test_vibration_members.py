@@ -7,7 +7,7 @@ from command_line import configuration, fvi, rows_of
 
 import fvi_cli as fvi_api
 from fvi_cli.plotting.spectra import response_figure, spectrum_figure
-from fvi_cli.plotting.style import INK
+from fvi_cli.plotting.style import GUIDE_COLOUR
 
 MASSES = "mass: [[1, 0], [0, 1]], stiffness: [[2, -1], [-1, 2]]"
 
@@ -59,8 +59,6 @@ def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     members = list(dict.fromkeys(row["member"] for row in rows))
     assert len(rows) == 6 * 31
     assert len(members) == 6
-    peaks = rows_of(output / "tables" / "swept-response-peaks.csv")
-    assert {row["member"] for row in peaks} == set(members)
     tables = fvi_api.response(swept, frequency="0.1:0.4:31", force=["x1"], at=["x2"])
     for table, member in zip(tables, members, strict=True):
         own = [float(row["magnitude"]) for row in rows if row["member"] == member]
@@ -106,8 +104,7 @@ def test_half_power_widths_have_the_colours_of_their_curves(tmp_path):
     path.write_text(configuration(problem(0.2), name="one", steps="16"))
     frequency, at = "0.1:0.4:200", ["x1", "x2"]
     figure = response_figure(fvi_api.response(path, frequency=frequency, force=["x1"], at=at))
-    lines = [line for line in figure.axes[0].lines if line.get_gid() != "decoration"]
-    curves, widths = lines[:2], lines[2:]
+    curves, widths = figure.axes[0].lines[:2], figure.axes[0].lines[2:]
     assert len({width.get_color() for width in widths}) == 2
     for width in widths:
         assert width.get_label() == "half-power width"
@@ -118,8 +115,6 @@ def test_half_power_widths_have_the_colours_of_their_curves(tmp_path):
             if np.interp([left, right], *curve.get_data()) == pytest.approx(level, rel=0.02)
         ]
         assert [curve.get_color() for curve in own] == [width.get_color()]
-    (entry,) = (one for one in figure.legends[0].get_lines() if "half" in one.get_label())
-    assert entry.get_color() == INK
 
 
 def test_many_members_have_the_colours_of_what_is_swept(tmp_path):
@@ -132,8 +127,8 @@ def test_many_members_have_the_colours_of_what_is_swept(tmp_path):
         *panels, bar = figure.axes
         assert bar.get_xlabel().startswith("coefficient of the damping")
         assert bar.get_xlim() == pytest.approx((0.05, 0.4))
-        shown = [line.get_color() for line in panels[0].lines if line.get_gid() != "decoration"]
-        assert len(set(shown)) == 8
+        shown = {line.get_color() for line in panels[0].lines}
+        assert len(shown - {GUIDE_COLOUR}) == 8
     # the control: a few have names
     assert len(spectrum_figure(modes[:3]).axes) == 2
 
@@ -145,7 +140,7 @@ def test_tables_have_the_names_of_designs(tmp_path):
     asked = {
         "modes": (),
         "response": ("--frequency", "0.1:0.4:5", "--force", "x1"),
-        "stability": ("--no-observe",),
+        "stability": (),
     }
     for command, further in asked.items():
         fvi(command, path, *further, "-o", output, code=0)

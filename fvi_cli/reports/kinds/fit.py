@@ -48,6 +48,12 @@ PARAMETER_COLUMNS = (
     ),
     _EXPERIMENT,
     _MODEL,
+    *within(
+        "model",
+        Column("aicc", "that of the model", compared=ROUGH, get="criterion"),
+        Column("whiteness", "that of its residuals", compared=Within(relative=5e-2)),
+    ),
+    Column("status", "ok or failed", get=lambda of: ("failed", "ok")[of.model.is_converged]),
 )
 MODEL_COLUMNS = (
     _EXPERIMENT,

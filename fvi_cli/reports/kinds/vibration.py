@@ -270,12 +270,6 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
         else:
             yield Paragraph(words="The magnitude has no maximum inside of this range.")
         own = [one for one in tables if one.name == experiment]
-        modes = [row["modes"] for row in peaks.rows if row["experiment"] == experiment]
-        if any(isinstance(count, int) and count > 1 for count in modes):
-            yield Paragraph(
-                words="Where several modes belong to one peak, its width is not that of a "
-                "single one; fvi modes has the loss factor of each."
-            )
         for one in own:
             prefix = f"{one.member}: " if one.member else ""
             if not one.known.are_all:
