@@ -140,5 +140,6 @@ def _fractional_powers(component: ForceComponent, at: float) -> tuple[float, ...
         first, behind = np.abs(np.broadcast_to(np.asarray(value, dtype=float), 2))
         if not TOUCHED * behind < first < math.inf:
             powers.append(power)
-    is_bounded = not np.isinf(np.broadcast_to(formula.evaluate({"t": times}), 2)[0])
+    values = np.asarray(formula.evaluate({"t": times}))
+    is_bounded = not np.isinf(values.flat[0])
     return tuple(powers if is_bounded else (-power for power in powers))
