@@ -17,7 +17,6 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
-from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.scenes.data import duffing
@@ -163,7 +162,6 @@ LAWS: dict[str, Callable[[Rng], Law]] = {
     "prony": lambda rng: prony(
         moduli=[1.0, rng.uniform(0.2, 2.0)], times=[0.2, 2.0], coefficient=1.0
     ),
-    "tempered": lambda rng: tempered(order=0.4, rate=1.5, coefficient=rng.uniform(0.2, 2.0)),
 }
 KINDS: dict[str, Callable[[Shape, Rng, dict], Scene]] = {
     "oscillator": lambda shape, rng, data: oscillator(rng, data),

@@ -16,7 +16,6 @@ from fvi_cli.effects.laws.cole_cole import fractional_maxwell as fractional_maxw
 from fvi_cli.effects.laws.cole_cole import fractional_zener as fractional_zener
 from fvi_cli.effects.laws.law import Law as Law
 from fvi_cli.effects.laws.prony import prony as prony
-from fvi_cli.effects.laws.tempered import tempered as tempered
 from fvi_cli.effects.potential import ExpressionPotential as ExpressionPotential
 from fvi_cli.effects.potential import Potential as Potential
 from fvi_cli.effects.potential import QuadraticPotential as QuadraticPotential

@@ -119,9 +119,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
 
     It is known for linear scenes whose mass, stiffness, damping and law matrices are diagonal in
     common coordinates, with any number of damping terms and any initial data, under a force whose
-    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials. The
-    transforms of laws must be quotients of powers of s, which excludes tempered laws together with
-    other fractional terms or a force.
+    components are sums of powers :math:`c\,t^\beta`, in pieces that differ by polynomials.
     """
     if not scene.is_linear or scene.is_sparse:
         return None

@@ -14,7 +14,6 @@ import numpy as np
 
 from fvi_cli.effects.laws.cole_cole import ColeCole
 from fvi_cli.effects.laws.law import RelaxationKernel
-from fvi_cli.effects.laws.tempered import TemperedPower
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.transforms.characteristic import (
     Terms,
@@ -48,13 +47,12 @@ class LinearResponse:
     .. math:: m x'' + \sum_j \mu_j D^{\gamma_j} x + \sum_i g_i k_i * x' + k x = f(t)
     """
 
-    # the left-hand side in powers of p = s + l, multiplied by the denominators of laws
+    # the left-hand side in powers of s, multiplied by the denominators of laws
     terms: Terms
-    # pairs (start, N): from `start` on, the response with transform N(p)/P(p) is added
+    # pairs (start, N): from `start` on, the response with transform N(s)/P(s) is added
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
     position: float = 0.0  # position at t = 0
-    decay: float = 0.0  # l
     terms_error: float = LONG_EPSILON  # relative error of the coefficients of `terms`
 
     def __call__(self, time: Array) -> Array:
@@ -87,7 +85,6 @@ class LinearResponse:
                     self.zeros,
                     numerator,
                     since[chosen],
-                    decay=self.decay,
                     terms_error=self.terms_error,
                     time_error=EPSILON if start else 0.0,
                     spacings=spacings,
@@ -109,38 +106,30 @@ def law_response(
     `plain` is the left-hand side and `inputs` the right-hand side without laws; the first input
     begins at 0.
     """
-    decay = common_decay([kernel for kernel, _ in laws])
     sizes: dict[RelaxationKernel, float] = {}
     for kernel, size in laws:
         sizes[kernel] = sizes.get(kernel, 0.0) + size
-    fractions = {kernel: fraction_of(kernel, decay) for kernel in sizes}
+    fractions = {kernel: fraction_of(kernel) for kernel in sizes}
     everything = product(*(below for _, below in fractions.values()))
-    rate = shift_powers({1.0: 1.0}, decay)
     memory: Powers = {}
     for kernel, size in sizes.items():
         others = [below for other, (_, below) in fractions.items() if other != kernel]
         memory = plus(memory, product(fractions[kernel][0], *others), size)
-    total = product(shift_powers(dict(plain), decay), everything)
-    total = plus(total, product(rate, memory))
+    total = plus(product(dict(plain), everything), product({1.0: 1.0}, memory))
     if len(total) > MOST_TERMS:
         raise ValueError(f"laws: {len(total)} powers; zeros of up to {MOST_TERMS} are looked for")
     terms = tuple((power, total[power]) for power in sorted(total, reverse=True) if total[power])
     changed: list[tuple[float, Mapping[float, float]]] = []
     for index, (start, numerator) in enumerate(inputs):
-        powers = product(shift_powers(dict(numerator), decay), everything)
+        powers = product(dict(numerator), everything)
         if index == 0:
             powers = plus(powers, memory, position)
         changed.append((start, {power: c for power, c in powers.items() if c}))
-    zeros = characteristic_zeros(terms)
-    if decay and any(zero.multiplicity > 1 for zero in zeros):
-        # in powers of s + l zeros near the axis are close together, and their residues cancel
-        raise ValueError(f"laws: forgetting at {decay:g} is too far from the zeros")
     return LinearResponse(
         terms=terms,
         inputs=tuple(changed),
-        zeros=zeros,
+        zeros=characteristic_zeros(terms),
         position=position,
-        decay=decay,
         terms_error=EPSILON,
     )
 
@@ -165,38 +154,16 @@ def product(*factors: Powers) -> Powers:
     return total
 
 
-def shift_powers(polynomial: Powers, decay: float) -> Powers:
-    """A sum of powers of s, rewritten in powers of p = s + l; l is `decay`."""
-    if decay == 0:
-        return polynomial
-    total: Powers = {}
-    for power, coefficient in polynomial.items():
-        if power < 0 or power != round(power):
-            raise ValueError(f"power {power:g}: no polynomial")
-        total = plus(total, product(*[{1.0: 1.0, 0.0: -decay}] * round(power)), coefficient)
-    return total
-
-
-def fraction_of(kernel: RelaxationKernel, decay: float) -> tuple[Powers, Powers]:
-    r"""Numerator and denominator of a kernel's :math:`\hat k(s)` in powers of p = s + l."""
-    if isinstance(kernel, TemperedPower) and kernel.rate == decay:
-        return {kernel.order - 1.0: 1.0}, {0.0: 1.0}
-    if isinstance(kernel, ColeCole) and decay == 0:
+def fraction_of(kernel: RelaxationKernel) -> tuple[Powers, Powers]:
+    r"""Numerator and denominator of a kernel's :math:`\hat k(s)` in powers of s."""
+    if isinstance(kernel, ColeCole):
         size = kernel.time**kernel.order
         return {kernel.order - 1.0: size}, {0.0: 1.0, kernel.order: size}
     if kernel.ends is not None or len(kernel.masses) > MOST_RATES:
         raise ValueError(f"{kernel}: no quotient of a few powers")
-    factors: list[Powers] = [{1.0: 1.0, 0.0: rate - decay} for rate, _ in kernel.masses]
+    factors: list[Powers] = [{1.0: 1.0, 0.0: rate} for rate, _ in kernel.masses]
     above: Powers = {}
     for index, (_, weight) in enumerate(kernel.masses):
         others = [*factors[:index], *factors[index + 1 :]]
         above = plus(above, product(*others), weight)
     return above, product(*factors)
-
-
-def common_decay(kernels: Sequence[RelaxationKernel]) -> float:
-    """The rate l for which all kernels are quotients of powers of s + l."""
-    shifts = {kernel.shift for kernel in kernels if kernel.ends is not None}
-    if len(shifts) > 1:
-        raise ValueError("laws of different least rates: no common powers")
-    return next(iter(shifts), 0.0)

@@ -56,7 +56,6 @@ def test_a_zener_law_is_read_with_its_stiffness():
     [
         ("{law: maxwell, order: 0.5, time: 0.2, modulus: 5.0}", 5.0 / (1 + 1 / 0.4**0.5)),
         ("{law: prony, moduli: [1.0, 0.5], times: [0.1, 1.0]}", 2 / 12 + 0.5 * 2 / 3),
-        ("{law: tempered, order: 0.5, rate: 0.3, coefficient: 1.0}", 2 / 2.3**0.5),
     ],
 )
 def test_every_law_has_its_modulus(term, modulus):
@@ -123,7 +122,7 @@ def test_a_law_with_another_number_is_another_run():
 
 def test_the_schema_knows_all_laws():
     text = yaml.safe_dump(json_schema())
-    for word in ("zener", "maxwell", "prony", "tempered"):
+    for word in ("zener", "maxwell", "prony"):
         assert f"const: {word}" in text
     terms = json_schema()["$defs"]["DampingTerm-order-1"]["oneOf"]
     assert terms[0]["properties"]["law"]["const"] == "springpot"

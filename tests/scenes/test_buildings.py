@@ -14,7 +14,6 @@ LAWS = (
     {"law": "zener", "order": 0.6, "time": 0.3, "relaxed": 0.5, "unrelaxed": 4.0},
     {"law": "maxwell", "order": 0.4, "time": 0.2, "modulus": 3.0, "coefficient": 1.5},
     {"law": "prony", "moduli": [1.0, 2.0], "times": [0.1, 0.5], "relaxed": 0.25},
-    {"law": "tempered", "order": 0.5, "rate": 0.3, "coefficient": 0.7},
     {"law": "kelvin-voigt", "stiffness": 2.0, "coefficient": 0.6},
 )
 

@@ -9,7 +9,6 @@ from oracles.contour import talbot_inverse
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
-from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -20,8 +19,6 @@ NARROW = fractional_zener(order=0.97, time=0.3, relaxed=2.0, unrelaxed=7.0, coef
 SLOW = fractional_zener(order=0.6, time=5.0, relaxed=1.0, unrelaxed=40.0, coefficient=1.0)
 MAXWELL = fractional_maxwell(order=0.5, time=0.2, modulus=5.0, coefficient=1.0)
 PRONY = prony(moduli=[1.0, 0.5], times=[0.1, 1.0], coefficient=1.0, relaxed=2.0)
-TEMPERED = tempered(order=0.5, rate=3.0, coefficient=0.7)
-STRONG = tempered(order=0.5, rate=40.0, coefficient=20.0)
 TIMES = np.array([1e-3, 0.7, 3.0])
 
 
@@ -34,8 +31,6 @@ def modulus(law: Law, s: mp.mpc) -> mp.mpc:
     if isinstance(kernel, ColeCole):
         power = (s * mp.mpf(kernel.time)) ** mp.mpf(kernel.order)
         return size * power / (1 + power)
-    if isinstance(kernel, TemperedPower):
-        return size * s * (s + mp.mpf(kernel.rate)) ** (mp.mpf(kernel.order) - 1)
     return size * mp.fsum(mp.mpf(g) * s / (s + mp.mpf(rate)) for rate, g in kernel.masses)
 
 
@@ -64,11 +59,9 @@ def by_inversion(one: Scene, push: mp.mpf | None = None) -> np.ndarray:
         ([SLOW], []),
         ([MAXWELL], []),
         ([PRONY], []),
-        ([TEMPERED], []),
-        ([TEMPERED, PRONY], [(1.0, 0.2)]),
         ([ZENER, MAXWELL], [(1.5, 0.2)]),
     ],
-    ids=["zener", "narrow", "slow", "maxwell", "prony", "tempered", "shifted", "sum"],
+    ids=["zener", "narrow", "slow", "maxwell", "prony", "sum"],
 )
 def test_exact_solutions_are_those_of_the_inversion(laws, damping):
     one = scene(*laws, damping=tuple(damping))
@@ -81,27 +74,6 @@ def test_a_force_acts_on_laws_too():
     one = scene(ZENER, push="2")
     expected = by_inversion(one, mp.mpf(2))
     np.testing.assert_allclose(match_scene(one).position(TIMES)[:, 0], expected, atol=3e-14)
-
-
-def test_laws_without_common_powers_have_no_exact_solution():
-    assert match_scene(scene(ZENER, TEMPERED)) is None
-    assert match_scene(scene(TEMPERED, push="sqrt(t)")) is None
-
-
-@pytest.mark.parametrize("rate", [0.3, 10.0, 30.0, 100.0, 1000.0])
-def test_a_tempered_law_of_any_rate_has_its_exact_solution_or_none(rate):
-    one = scene(tempered(order=0.5, rate=rate, coefficient=1.0))
-    exact = match_scene(one)
-    run = integrate(one, Method(cq="gauss", degree=6, start="graded"), 64)
-    if rate > 50:
-        # its residues would cancel
-        assert exact is None
-    if exact is not None:
-        np.testing.assert_allclose(exact.position(run.time), run.position, atol=1e-11)
-
-
-def test_residues_that_would_cancel_are_refused():
-    assert match_scene(scene(STRONG)) is None
 
 
 def test_modes_of_proportional_laws_are_found():

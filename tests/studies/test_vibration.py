@@ -17,7 +17,6 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
-from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import Form
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -154,9 +153,8 @@ DAMPING2 = np.array([[0.6, -0.2], [-0.2, 0.5]])
         # what a start from rest leaves behind falls like t**(-5/2)
         ((FractionalDamping(order=1.5, coefficient=DAMPING2),), 400),
         ((prony(moduli=[1.0, 0.5], times=[0.3, 1.0], relaxed=0.5, coefficient=DAMPING2),), 80),
-        ((tempered(order=0.5, rate=0.8, coefficient=DAMPING2),), 80),
     ],
-    ids=["springpot", "prony", "tempered"],
+    ids=["springpot", "prony"],
 )
 def test_a_steady_response_is_what_a_long_run_ends_in(forces, periods):
     omega, per_period = 1.3, 16

@@ -29,7 +29,6 @@ class ColeCole:
 
     order: float  # a in (0, 1)
     time: float  # tau > 0
-    shift = 0.0
     masses = ()
 
     def __post_init__(self) -> None:

@@ -30,12 +30,8 @@ class RelaxationKernel(Protocol):
         """The kernel in words, such as ``relaxation of order 0.5``."""
 
     @property
-    def shift(self) -> float:
-        """Rate l >= 0 at which the density begins, 1/time."""
-
-    @property
     def ends(self) -> tuple[float, float] | None:
-        r"""Powers of y in :math:`y \rho(l + y)` for small and for large y; None: no density."""
+        r"""Powers of y in :math:`y \rho(y)` for small and for large y; None: no density."""
 
     @property
     def peak(self) -> tuple[float, float] | None:
@@ -57,7 +53,7 @@ class RelaxationKernel(Protocol):
         """
 
     def log_density(self, log_rate: Array) -> Array:
-        r""":math:`\log(y \rho(l + y))` at :math:`\log y`, same shape."""
+        r""":math:`\log(y \rho(y))` at :math:`\log y`, same shape."""
 
     def transform(self, s: complex) -> complex:
         r"""Laplace transform :math:`\hat k(s)`, cut along the negative axis."""

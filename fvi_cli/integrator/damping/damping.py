@@ -290,7 +290,7 @@ def law_objection(scene: Scene, method: AnyMethod) -> str:
         return ""
     return (
         f"{method_name(method)} cannot integrate relaxation laws "
-        "(zener, maxwell, prony, tempered); take rk: gauss"
+        "(zener, maxwell, prony); take rk: gauss"
     )
 
 

@@ -117,8 +117,7 @@ def power_kernel(
 
     A law whose density has a narrow peak at c, singular at a distance :math:`\delta` from the
     real axis, has equal steps of :math:`u + \sinh^{-1}((u - c) / \delta)` in place of u, in which
-    that distance is more than :math:`\pi / 2`. A density from a least rate l on is integrated
-    over x - l.
+    that distance is more than :math:`\pi / 2`.
     """
     most = final_time / shortest_step if steps is None else float(steps)
     return _kernel(
@@ -140,15 +139,14 @@ def _kernel(
     first = -time * math.log(2)
     last = math.log(2 * stages * (stages + 1)) + (steps - step) * math.log(2)
     found = []
-    for shift in sorted({_shift(term) for term in terms if _ends(term)}):
-        chosen = [i for i, one in enumerate(terms) if _ends(one) and _shift(one) == shift]
+    chosen = [i for i, one in enumerate(terms) if _ends(one)]
+    if chosen:
         own = [terms[i] for i in chosen]
         rule = rate_rule(
             sorted({end for term in own for end in _ends(term)}),
             first=first,
             last=last,
             accuracy=accuracy,
-            shift=shift,
             peaks=[one.peak for one in own if _is_law(one) and one.peak is not None],
         )
         columns = np.zeros((len(terms), rule.n_kept))
@@ -174,10 +172,6 @@ def _ends(term: Term) -> tuple[tuple[float, float], ...]:
     if not _is_law(term):
         return ((1 - LARGEST_EXPONENT,) * 2, (math.nextafter(2.0, 0.0),) * 2)
     return () if term.ends is None else (term.ends,)
-
-
-def _shift(term: Term) -> float:
-    return term.shift if _is_law(term) else 0.0
 
 
 def _weights(term: Term, rule: RateRule) -> Array:

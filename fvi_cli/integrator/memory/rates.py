@@ -31,13 +31,11 @@ class RateRule:
     density: Array
     n_below: int  # nodes that are merged into the first one, and nodes that are kept
     n_kept: int
-    # rate l >= 0 at which the density begins: a node stands for the rate l + y
-    shift: float = 0.0
 
     @property
     def rates(self) -> Array:
         """The rates that are kept, shape ``(J,)``."""
-        return np.asarray(self.shift + np.exp(self._parts(self.logs)[1]))
+        return np.exp(self._parts(self.logs)[1])
 
     def _parts(self, values: Array) -> tuple[Array, Array, Array]:
         """Split values at all nodes: at merged nodes below, at kept nodes, and above."""
@@ -86,21 +84,17 @@ def rate_rule(
     first: float,
     last: float,
     accuracy: float,
-    shift: float = 0.0,
     peaks: Sequence[tuple[float, float]] = (),
 ) -> RateRule:
     """The rule for densities that are like powers at both ends.
 
     `ends` are pairs of powers per logarithm, at small and at large rates; between the logarithms
-    `first` and `last` the integrand is no such power. The accuracy is relative; densities begin at
-    the rate `shift`. `peaks` are logarithms at which densities bend, with the distance of their
-    singularities from the real axis.
+    `first` and `last` the integrand is no such power. The accuracy is relative. `peaks` are
+    logarithms at which densities bend, with the distance of their singularities from the real axis.
     """
     nearest, farthest = first - _ALIKE, last + _ALIKE
     below = max([0.0, *(first - place + _PEAK_MARGIN for place, _ in peaks)])
-    # only well beyond the shift l the rates l + y are powers of y
-    beyond = [place for place, _ in peaks] + ([math.log(shift)] if shift else [])
-    above = max([0.0, *(place + _PEAK_MARGIN - last for place in beyond)])
+    above = max([0.0, *(place + _PEAK_MARGIN - last for place, _ in peaks)])
     first -= _ROOM * math.ceil(below / _ROOM)
     last += _ROOM * math.ceil(above / _ROOM)
     narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})
@@ -128,7 +122,6 @@ def rate_rule(
         density=width * density * (1 + left + right),
         n_below=begin,
         n_kept=end_kept - begin,
-        shift=shift,
     )
 
 

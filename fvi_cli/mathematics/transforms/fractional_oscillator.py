@@ -50,22 +50,20 @@ def contour_response(
     numerator: Mapping[float, float],
     time: Array,
     *,
-    decay: float = 0.0,
     terms_error: float = LONG_EPSILON,
     time_error: float = 0.0,
     spacings: tuple[float, float] = SPACINGS,
 ) -> tuple[Array, Array]:
-    r"""Inverse Laplace transform of :math:`N(s)/P(s)`, times :math:`e^{-l t}`, and its rounding.
+    r"""Inverse Laplace transform of :math:`N(s)/P(s)`, and its rounding.
 
     P is a sum of powers, its zeros are those of :func:`characteristic_zeros`; N maps powers of s,
-    at most that of P less 1, to coefficients; :math:`l \ge 0` is for transforms N(s + l)/P(s + l).
-    Times are positive, of any shape. The second array bounds the error by round-off if times are
-    known to a relative error `time_error` and coefficients of P to `terms_error`. It is about 1e-15
-    of the response's own size near and after that time where nothing cancels. Where
-    ``numpy.longdouble`` is no longer than a double, phases of poles cost eps times t times
-    abs(pole). The error of the rule along the contour is seen in the difference from the response
-    with another pair of `spacings`: it is large for steep forces and zeros next to the branch
-    point.
+    at most that of P less 1, to coefficients. Times are positive, of any shape. The second array
+    bounds the error by round-off if times are known to a relative error `time_error` and
+    coefficients of P to `terms_error`. It is about 1e-15 of the response's own size near and after
+    that time where nothing cancels. Where ``numpy.longdouble`` is no longer than a double, phases
+    of poles cost eps times t times abs(pole). The error of the rule along the contour is seen in
+    the difference from the response with another pair of `spacings`: it is large for steep forces
+    and zeros next to the branch point.
 
     Raises
     ------
@@ -95,7 +93,7 @@ def contour_response(
     scale = vertex / (1.0 - math.sin(_ANGLE))
     for shift, chosen in ((0.0, ~close), (_SHIFT, close)):
         outside = zeros if not shift else [zero for zero in zeros if zero not in clusters]
-        contour = _Contour(terms, numerator, decay, scale, shift, terms_error, time_error, spacings)
+        contour = _Contour(terms, numerator, scale, shift, terms_error, time_error, spacings)
         indices = np.flatnonzero(chosen)
         for start in range(0, len(indices), _CHUNK):
             part = indices[start : start + _CHUNK]
@@ -111,7 +109,6 @@ class _Contour:
 
     terms: Terms
     numerator: Mapping[float, float]
-    decay: float
     scale: float
     shift: float
     terms_error: float
@@ -142,8 +139,7 @@ class _Contour:
             if not np.any(chosen):
                 continue
             at = time[chosen]
-            value, lost = self._trapezoidal_sum(at, spacing, offset) * np.exp(-self.decay * at)
-            lost *= 1.0 + self.decay * at
+            value, lost = self._trapezoidal_sum(at, spacing, offset)
             for zero, (residue, own), place, factor in zip(
                 simple, residues, positions, factors[index], strict=True
             ):
@@ -198,7 +194,7 @@ class _Contour:
         slope = {power - 1.0: power * c for power, c in self.terms if power}
         above, below = (evaluate_powers(one, center)[0] for one in (self.numerator, slope))
         constant = above / below
-        values = constant * np.exp((zero.center - self.decay) * time.astype(np.longdouble))
+        values = constant * np.exp(zero.center * time.astype(np.longdouble))
         radius = np.abs(center[0])
         of_top, of_slope, of_whole = (
             float(_sizes(one, radius) / np.abs(below))
@@ -210,7 +206,7 @@ class _Contour:
         share = float(np.abs(constant))
         lost = of_top * (EPSILON + steepest * off)
         lost += share * of_slope * (self.terms_error + steepest * off)
-        growth = np.abs(np.exp((zero.center.real - self.decay) * time))
+        growth = np.abs(np.exp(zero.center.real * time))
         moved = (off + self.time_error) * float(radius) * time + EPSILON
         return np.asarray(values, dtype=complex), np.asarray(growth * (lost + share * moved))
 
@@ -224,10 +220,10 @@ class _Contour:
         terms, modulus = dict(self.terms), np.abs(s)
         below = evaluate_powers(terms, s)
         quotient = evaluate_powers(self.numerator, s) / below
-        integrand = quotient * np.exp((s - self.decay) * time[:, None]) * nodes
+        integrand = quotient * np.exp(s * time[:, None]) * nodes
         sizes = EPSILON * _sizes(self.numerator, modulus)
         sizes = sizes + self.terms_error * np.abs(quotient) * _sizes(terms, modulus)
-        lost = sizes / np.abs(below) * np.exp((s.real - self.decay) * time[:, None])
+        lost = sizes / np.abs(below) * np.exp(s.real * time[:, None])
         lost += EPSILON * np.abs(integrand)
         value, rounding = (
             (radius * one.mean(axis=1)).astype(float) for one in (integrand.real, lost)

@@ -14,7 +14,6 @@ from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
-from fvi_cli.effects.laws.tempered import tempered
 from fvi_cli.effects.matrices import dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
@@ -54,7 +53,6 @@ _OF_LAWS: Final[Mapping[str, str]] = {
     "modulus": "not a key of a springpot: write law: maxwell in the same entry",
     "moduli": "not a key of a springpot: write law: prony in the same entry",
     "times": "not a key of a springpot: write law: prony in the same entry",
-    "rate": "not a key of a springpot: write law: tempered in the same entry",
 }
 _WRONG_IN_LAWS: Final[Mapping[str, str]] = {
     **_WRONG_PLACE,
@@ -163,7 +161,7 @@ class LawTerm(_OnCoordinates, refused=_WRONG_IN_LAWS):
         default=None,
     )
     matrix: Annotated[Any, _MATRIX] = key(
-        "zener, maxwell, prony, tempered: the same under another name, for matrices.", default=None
+        "zener, maxwell, prony: the same under another name, for matrices.", default=None
     )
 
     @property
@@ -214,14 +212,6 @@ class Prony(LawTerm):
     )
 
 
-class Tempered(LawTerm):
-    """A tempered derivative, whose memory decays exponentially."""
-
-    make = staticmethod(tempered)
-    order: Fraction = key("Order gamma of the derivative (no unit).")
-    rate: Positive = key("tempered: rate l at which it forgets.", unit="1/time")
-
-
 _IN_STOREYS: Final = OneOrMany(shape=Integer(least=1, most=1000), most=1000, as_it_stands=True)
 
 
@@ -246,7 +236,6 @@ _LAWS: Final[Mapping[str, type[Setting]]] = {
     "zener": Zener,
     "maxwell": Maxwell,
     "prony": Prony,
-    "tempered": Tempered,
 }
 _STOREYS: Final[Mapping[str, str]] = {
     **dict.fromkeys(

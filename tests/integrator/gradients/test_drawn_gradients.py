@@ -48,9 +48,6 @@ def laws(chance: random.Random, size: int) -> tuple:
             times=[0.3, chance.uniform(1.0, 4.0)],
             coefficient=c,
         ),
-        "tempered": lambda c: fvi.tempered(
-            order=chance.uniform(0.2, 0.8), rate=chance.uniform(0.1, 1.0), coefficient=c
-        ),
     }
     return tuple(made[name](0.3 * matrix(chance, size)) for name in chance.sample(list(made), 1))
 

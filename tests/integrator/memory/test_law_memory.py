@@ -17,7 +17,6 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
 from fvi_cli.effects.laws.law import Law, RelaxationKernel
 from fvi_cli.effects.laws.prony import PronyKernel, prony
-from fvi_cli.effects.laws.tempered import TemperedPower, tempered
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory
@@ -37,8 +36,6 @@ def cole_cole(s: mp.mpc, order: float, time: float) -> mp.mpc:
 def exact_transform(kernel: RelaxationKernel, s: mp.mpc) -> mp.mpc:
     if isinstance(kernel, ColeCole):
         return cole_cole(s, kernel.order, kernel.time)
-    if isinstance(kernel, TemperedPower):
-        return (s + mp.mpf(kernel.rate)) ** (mp.mpf(kernel.order) - 1)
     return mp.fsum(mp.mpf(weight) / (s + mp.mpf(rate)) for rate, weight in kernel.masses)
 
 
@@ -74,9 +71,6 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
         ColeCole(order=0.9, time=1e-9),
         ColeCole(order=0.97, time=50.0),
         ColeCole(order=0.5, time=1e7),
-        TemperedPower(order=0.4, rate=0.3),
-        TemperedPower(order=0.9, rate=1e4),
-        TemperedPower(order=0.1, rate=1e-5),
         PronyKernel(masses=((10.0, 1.0), (1.0, 0.5))),
     ],
 )
@@ -129,7 +123,6 @@ def test_a_fractional_zener_oscillator_has_full_order(degree, n_steps):
 LAWS = (
     fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=1.0),
     prony(moduli=[1.0, 0.5], times=[0.5, 1.0], coefficient=1.0, relaxed=0.5),
-    tempered(order=0.4, rate=0.7, coefficient=0.5),
 )
 MATRIX = np.array([[1.0, -1.0], [-1.0, 1.0]])
 ZENER = fractional_zener(order=0.6, time=0.4, relaxed=1.0, unrelaxed=4.0, coefficient=MATRIX)
