@@ -35,9 +35,10 @@ STEP_RESPONSES = {
 
 
 def test_nothing_of_the_package_is_used():
-    sources = list(Path(talbot.__file__).parent.glob("*.py"))
-    assert len(sources) >= 6
-    assert not any("fvi_cli" in source.read_text(encoding="utf-8") for source in sources)
+    names = ("talbot", "volterra", "ordinary", "contour", "closed_forms", "impacts", "eigenvalues")
+    folder = Path(talbot.__file__).parent
+    texts = [(folder / f"{name}.py").read_text(encoding="utf-8") for name in names]
+    assert not any("fvi_cli" in text for text in texts)
 
 
 def linear(stiffness, **others):
