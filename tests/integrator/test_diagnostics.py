@@ -107,9 +107,8 @@ def test_energy_balance_is_exact_on_linear_scenes(method, order):
     assert np.abs(without).max() > 0.5
 
 
-@pytest.mark.parametrize("derivative", ["caputo", "riemann-liouville"])
-def test_energy_balance_of_kicks_is_exact_beyond_one_mass_one_term_and_jumps(derivative):
-    scene = two_masses(derivative)
+def test_energy_balance_of_kicks_is_exact_beyond_one_mass_one_term_and_jumps():
+    scene = two_masses()
     for method in (
         MIDPOINT_NODES,
         dataclasses.replace(NODES, start="weights", start_exponents=(1.0,)),
