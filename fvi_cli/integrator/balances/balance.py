@@ -13,9 +13,9 @@ These balances are exact, whatever the step size:
   Runge-Kutta): the discrete equations tested with :math:`\xi(x_k^\nu)` (Marsden, West, *Discrete
   mechanics and variational integrators*, Acta Numerica 2001, section 3.2);
 - the balance of the energy, for a constant mass matrix, a quadratic potential, as many Gauss
-  points as the degree and ``forcing_quadrature: galerkin``: the action's step is then a Gauss
-  method, which keeps quadratic invariants, and a kick at a node does its work at the mean of the
-  velocities before and after it.
+  points as the degree, ``forcing_quadrature: galerkin`` and no loads of initial data: the action's
+  step is then a Gauss method, which keeps quadratic invariants, and a kick at a node does its work
+  at the mean of the velocities before and after it.
 
 Otherwise the defects fall with the order of the method. If a Riemann-Liouville derivative of order
 :math:`\gamma < 1` turns an initial position into the force :math:`t^{-\gamma}`, they fall with
@@ -62,9 +62,10 @@ def diagnose_run(
         every = along.stored() if request.energy_balance else None
         stored = None if every is None else every[:, 0].sum(axis=0)
     fresh = np.isin(steps.time[:-1], [one.begin for one in mesh.stretches if one.is_fresh])
-    added = loads_along(loads.of_damping, steps, fresh)
+    added = loads_along(loads.of_weights, steps, fresh)
     if added is not None:
         damping = -added if damping is None else damping - added
+    initial = loads_along(loads.of_initial_data, steps, fresh)
     forcing = loads_along(loads.of_forcing, steps, fresh)
     dissipated = worked = defect = maps = defects = None
     if request.energy_balance:
@@ -81,6 +82,7 @@ def diagnose_run(
             # half of each kick is in the step before its point, half in the step after it
             kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])
             dissipated = _work_of_kicks(scene, steps, kicks)
+        dissipated = dissipated - _summed(initial, rates)
         if scene.lagrangian is not None and scene.lagrangian.depends_on_time:
             at_stages = steps.stage_position, steps.velocity, steps.stage_time
             rate = scene.lagrangian.time_derivative(*at_stages)
@@ -95,7 +97,10 @@ def diagnose_run(
         maps = np.stack(
             [one.momentum(steps.position, steps.momentum) for one in request.symmetries], axis=1
         )
-        rates = [_summed(damping, one) - _summed(forcing, one) for one in directions]
+        given = [one for one in (forcing, initial) if one is not None]
+        rates = [
+            _summed(damping, one) - sum(_summed(part, one) for part in given) for one in directions
+        ]
         defects = maps - maps[0] + np.stack(rates, axis=1)
     return Diagnostics(
         dissipated_work=dissipated,

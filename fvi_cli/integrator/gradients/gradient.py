@@ -191,7 +191,7 @@ def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
         velocity=stages,
     )
     run = LinearisedRun(scene, method, rest)
-    loads = loads_of(run, scene, "of_forcing") + loads_of(run, scene, "of_damping")
+    loads = loads_of(run, scene, "of_forcing") + loads_of(run, scene, "of_initial_data")
     loads -= run.loads_by(stages, run.changes_by_start(scene.initial_velocity))
     motion = run.tangent(
         Disturbance(

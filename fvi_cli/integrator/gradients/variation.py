@@ -95,7 +95,7 @@ def _disturbance(run: LinearisedRun, one: Variation) -> tuple[Array, Array, Arra
             np.array([term.matrix for term in varied.damping]),
             np.array([law.size * law.matrix for law in varied.laws]),
             run.forces_of(own) if own != kernels else 0.0,
-            loads_of(run, varied, "of_damping") if scene.derivative != "caputo" else 0.0,
+            loads_of(run, varied, "of_initial_data") if scene.derivative != "caputo" else 0.0,
             varied.initial_position,
             varied.initial_velocity,
         ]

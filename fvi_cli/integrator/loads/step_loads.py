@@ -66,11 +66,13 @@ class StepLoads:
 
         A fresh step begins where a force may be singular.
         """
-        forcing = self.of_forcing(begin, step_size, n_steps, is_fresh=is_fresh)
-        damping = self.of_damping(begin, step_size, n_steps, is_fresh=is_fresh)
-        if forcing is None:
-            return damping
-        return forcing if damping is None else forcing + damping
+        parts = (
+            self.of_forcing(begin, step_size, n_steps, is_fresh=is_fresh),
+            self.of_initial_data(begin, step_size, n_steps, is_fresh=is_fresh),
+            self.of_weights(begin, step_size, n_steps, is_fresh=is_fresh),
+        )
+        known = [one for one in parts if one is not None]
+        return sum(known[1:], start=known[0]) if known else None
 
     def of_forcing(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
@@ -89,22 +91,28 @@ class StepLoads:
             )
         return self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
 
-    def of_damping(
+    def of_initial_data(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
-        """The part of the damping: minus the part that Riemann-Liouville derivatives add."""
-        if not self._initial and not self._added.size:
+        """The part of the initial data."""
+        if not self._initial:
+            return None
+        start = begin + step_size * np.arange(n_steps, dtype=float)
+        total = self._exact(self._initial_force, start, step_size, is_fresh=False)
+        if begin == 0.0:
+            total[0] = self._initial_loads_at_zero(step_size)
+        return total
+
+    def of_weights(
+        self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
+    ) -> Array | None:
+        """The part of the starting weights, see :meth:`add`."""
+        if not self._added.size:
             return None
         total = np.zeros((n_steps, *self._added.shape[1:]))
-        if self._initial:
-            start = begin + step_size * np.arange(n_steps, dtype=float)
-            total = self._exact(self._initial_force, start, step_size, is_fresh=False)
-            if begin == 0.0:
-                total[0] = self._initial_loads_at_zero(step_size)
-        if self._added.size:
-            first = round(begin / step_size)
-            added = self._added[first : first + n_steps]
-            total[: len(added)] += added
+        first = round(begin / step_size)
+        added = self._added[first : first + n_steps]
+        total[: len(added)] = added
         return total
 
     def _initial_force(self, start: Array, step_size: float, offsets: Array) -> Array:
