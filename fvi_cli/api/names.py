@@ -21,7 +21,6 @@ from fvi_cli.effects.potential import Potential as Potential
 from fvi_cli.effects.potential import QuadraticPotential as QuadraticPotential
 from fvi_cli.effects.sampled import SampledForce as SampledForce
 from fvi_cli.effects.scene import Scene as Scene
-from fvi_cli.effects.symmetry import Symmetry as Symmetry
 from fvi_cli.errors import ConfigError as ConfigError
 from fvi_cli.errors import FviError as FviError
 from fvi_cli.errors import RequestError as RequestError

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from fvi_cli.effects.symmetry import Symmetry
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DiagnosticsRequest:
@@ -13,12 +11,11 @@ class DiagnosticsRequest:
 
     # dissipated work, work of the forcing, and the defect of the energy balance
     energy_balance: bool = False
-    symmetries: tuple[Symmetry, ...] = ()  # symmetries whose momentum maps are computed
 
     @property
     def is_empty(self) -> bool:
         """Whether no diagnostics are requested."""
-        return not (self.energy_balance or self.symmetries)
+        return not self.energy_balance
 
 
 NO_DIAGNOSTICS = DiagnosticsRequest()

@@ -84,7 +84,7 @@ class Trajectory:
     every
         Only every n-th point of the grid is kept, with the first and the last.
     diagnostics
-        Works, energy balance and momentum maps on the same points; None unless requested.
+        Works and energy balance on the same points; None unless requested.
     steps
         All steps as polynomials on their own mesh, where they were kept.
     rejected

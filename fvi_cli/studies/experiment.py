@@ -260,16 +260,8 @@ class Run(Subject):
         found = {"method": method, "n_steps": self.n_steps, "store_every": experiment.store_every}
         if experiment.grading != 1.0:
             found["grading"] = experiment.grading
-        diagnostics = experiment.diagnostics
-        if not diagnostics.is_empty:
-            symmetries = [
-                {"name": one.name, "generator": one.generator.tolist(), "shift": one.shift.tolist()}
-                for one in diagnostics.symmetries
-            ]
-            found["diagnostics"] = {
-                "energy_balance": diagnostics.energy_balance,
-                "symmetries": symmetries,
-            }
+        if not experiment.diagnostics.is_empty:
+            found["diagnostics"] = {"energy_balance": True}
         if experiment.accuracy is not None:
             found |= {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}
         return found | experiment.observations.specification()

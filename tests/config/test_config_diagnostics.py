@@ -1,8 +1,5 @@
 """Diagnostics from YAML to file and back."""
 
-import json
-import re
-
 import numpy as np
 import xarray
 from command_line import configuration
@@ -19,7 +16,7 @@ KEPLER = configuration(
     name="planet",
     method="[{rk: gauss, degree: 2}, {baseline: explicit-euler}]",
     steps="64",
-    more="store: {every: 3, diagnostics: [energy-balance, momentum-maps]}\n",
+    more="store: {every: 3, diagnostics: [energy-balance]}\n",
 )
 DUFFING = "name: d\nproblem: {kind: duffing, final_time: 2.0}\nladder: {steps: [4]}\n"
 
@@ -39,9 +36,8 @@ def test_diagnostics_come_back_as_they_were_computed(tmp_path):
     with read_results(tmp_path / "planet.h5") as stored:
         found = stored.finished(computed.run).trajectory.diagnostics
         assert stored.finished(plain.run).trajectory.diagnostics is None
-    assert found.map_names == ("angular",)
     points = np.append(np.arange(0, 64, 3), 64)
-    for name in ("dissipated_work", "forcing_work", "energy_defect", "momentum_map"):
+    for name in ("dissipated_work", "forcing_work", "energy_defect"):
         expected = getattr(computed.trajectory.diagnostics, name)[points]
         assert np.array_equal(getattr(found, name), expected), name
     assert np.abs(found.energy_defect).max() < 1e-3 < found.dissipated_work[-1]
@@ -54,10 +50,8 @@ def test_other_readers_find_axes_and_names(tmp_path):
     group = "/planet/gauss-s2-graded/n000064"
     for engine in ("h5netcdf", "netcdf4"):
         with xarray.open_dataset(tmp_path / "planet.h5", engine=engine, group=group) as data:
-            assert data["momentum_map"].dims == ("time", "map")
             assert data["energy_defect"].dims == ("time",)
             assert "work" in data["dissipated_work"].attrs["long_name"]
-            assert json.loads(data.attrs["momentum_maps"]) == ["angular"]
 
 
 def test_runs_without_diagnostics_keep_their_identity():
@@ -70,24 +64,6 @@ def test_runs_without_diagnostics_keep_their_identity():
     assert identities[0] == identities[1] != identities[2]
     specification = parse_config(bare, "p.yaml").experiments[0].runs()[0].specification()
     assert "diagnostics" not in specification
-
-
-def test_symmetries_may_be_given():
-    store = "{diagnostics: [momentum-maps], symmetries: [{name: L, generator: [[0, -2], [2, 0]]}]}"
-    text = re.sub("store: .*", f"store: {store}", KEPLER)
-    (experiment,) = parse_config(text, "planet.yaml").experiments
-    assert [one.name for one in experiment.diagnostics.symmetries] == ["L"]
-    assert not experiment.diagnostics.energy_balance
-
-
-def test_symmetries_are_found_where_coordinates_do_not_occur():
-    text = (
-        "name: c\nproblem: {kind: lagrangian, coordinates: [r, phi], parameters: {}, lagrangian: "
-        '"(vr**2 + r**2*vphi**2)/2 + 1/r", initial: {position: [1, 0], velocity: [0, 1]}, '
-        "final_time: 1.0}\nladder: {steps: [4]}\nstore: {diagnostics: [momentum-maps]}\n"
-    )
-    (experiment,) = parse_config(text, "c.yaml").experiments
-    assert [one.name for one in experiment.diagnostics.symmetries] == ["p_phi"]
 
 
 def test_what_is_asked_for_is_diagnosed():

@@ -1,4 +1,4 @@
-"""Works, energy balance and momentum maps: exact where promised, of the method's order elsewhere.
+"""Works and energy balance: exact where promised, of the method's order elsewhere.
 
 With ``NO_DIAGNOSTICS`` asked nothing of it is computed.
 """
@@ -12,7 +12,6 @@ from spread import spread
 from written_out import every_lag_written_out
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
-from fvi_cli.effects.symmetry import Symmetry, symmetry_defect
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -26,8 +25,6 @@ GAUSS3_GRADED = Method(cq="gauss", degree=3, start="graded")
 MIDPOINT_NODES = Method(cq="bdf2", degree=1, sampling="nodes")
 NODES = Method(cq="bdf3", degree=2, sampling="nodes")
 POINTS = Method(cq="bdf4", degree=2, sampling="points", start="none")
-
-TURN = Symmetry(name="angular", generator=[[0.0, -1.0], [1.0, 0.0]], shift=[0.0, 0.0])
 
 
 def scene_of(**specification):
@@ -92,8 +89,8 @@ def pendulum():
     return swing((0.5, 0.3), T=10.0, x=1.0)
 
 
-def diagnosed(scene, method, n_steps, *symmetries):
-    asked = DiagnosticsRequest(energy_balance=True, symmetries=symmetries)
+def diagnosed(scene, method, n_steps):
+    asked = DiagnosticsRequest(energy_balance=True)
     return integrate(scene, method, n_steps, diagnostics=asked).diagnostics
 
 
@@ -218,43 +215,6 @@ def test_works_are_those_of_the_exact_motion(order):
     )
 
 
-@pytest.mark.parametrize(
-    "method", [GAUSS2, MIDPOINT_NODES, NODES, POINTS, GAUSS3_GRADED], ids=lambda m: m.case
-)
-def test_momentum_maps_are_kept_or_balanced_to_round_off(method):
-    free = diagnosed(kepler(0.0), method, 128, TURN)
-    assert np.abs(free.momentum_map - 0.8).max() < 1e-14
-    damped = diagnosed(kepler(0.05), method, 128, TURN)
-    assert damped.momentum_map[-1, 0] < 0.7
-    assert np.abs(damped.momentum_map_defect).max() < 3e-14
-
-
-def test_linear_momentum_of_a_free_chain_takes_up_the_impulse_of_the_forcing():
-    chain = scene_of(
-        kind="chain",
-        masses=3,
-        ends="none",
-        dampers=[{"order": 0.5, "coefficient": 0.2}],
-        forcing=["t", "0", "cos(t)"],
-        initial={"position": [1.0, 0.0, 0.0], "velocity": [0.0, 0.0, 1.0]},
-        final_time=2.0,
-    )
-    push = Symmetry(name="linear", generator=np.zeros((3, 3)), shift=np.ones(3))
-    assert symmetry_defect(chain, push) < 1e-14
-    found = diagnosed(chain, GAUSS2, 32, push)
-    assert found.momentum_map[-1, 0] == pytest.approx(1.0 + 2.0 + np.sin(2.0), abs=1e-7)
-    assert np.abs(found.momentum_map_defect).max() < 1e-14
-
-
-def test_symmetries_are_told_from_other_motions():
-    assert symmetry_defect(kepler(0.1), TURN) < 1e-14
-    push = Symmetry(name="push", generator=np.zeros((2, 2)), shift=[1.0, 0.0])
-    assert symmetry_defect(kepler(0.1), push) > 0.1
-    assert symmetry_defect(double_pendulum(), push) > 1e-3
-    control = diagnosed(kepler(0.0), GAUSS2, 128, push)
-    assert np.ptp(control.momentum_map) > 0.5
-
-
 def test_only_what_is_asked_for_is_computed(monkeypatch):
     calls = []
 
@@ -274,11 +234,10 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
         assert integrate(scene, method, 64, diagnostics=NO_DIAGNOSTICS).diagnostics is None
         assert not calls
         found = integrate(
-            scene, method, 64, diagnostics=DiagnosticsRequest(symmetries=(TURN,))
+            scene, method, 64, diagnostics=DiagnosticsRequest(energy_balance=True)
         ).diagnostics
         assert calls == made
-        assert found.energy_defect is None
-        assert found.map_names == ("angular",)
+        assert found.energy_defect is not None
 
 
 def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():

@@ -1,1 +1,1 @@
-"""Damping forces, works, energies and momentum maps along finished runs."""
+"""Damping forces, works and energies along finished runs."""

@@ -1,21 +1,15 @@
-r"""Works, energy balance and momentum maps along a run, with the scheme's own quadrature.
+r"""Works and energy balance along a run, with the scheme's own quadrature.
 
 With the increments of step k in the polynomial :math:`x_d`, the forces enter the equations of
 motion by their moments :math:`g_{k\nu} = h \sum_i b_i l_\nu(c_i) f_{k,i}` against the basis, and
-their work and their components along :math:`\xi` are
+their work is
 
-.. math:: W_k = \sum_\nu g_{k\nu} \cdot x_d'(d_\nu h; k), \qquad
-          \Lambda_k = \sum_\nu g_{k\nu} \cdot \xi(x_k^\nu).
+.. math:: W_k = \sum_\nu g_{k\nu} \cdot x_d'(d_\nu h; k) .
 
-These balances are exact, whatever the step size:
-
-- the balance of every momentum map, for every variational method (`nodes`, `points`,
-  Runge-Kutta): the discrete equations tested with :math:`\xi(x_k^\nu)` (Marsden, West, *Discrete
-  mechanics and variational integrators*, Acta Numerica 2001, section 3.2);
-- the balance of the energy, for a constant mass matrix, a quadratic potential, as many Gauss
-  points as the degree, ``forcing_quadrature: galerkin`` and no loads of initial data: the action's
-  step is then a Gauss method, which keeps quadratic invariants, and a kick at a node does its work
-  at the mean of the velocities before and after it.
+The balance of the energy is exact, whatever the step size, for a constant mass matrix, a quadratic
+potential, as many Gauss points as the degree, ``forcing_quadrature: galerkin`` and no loads of
+initial data: the action's step is then a Gauss method, which keeps quadratic invariants, and a kick
+at a node does its work at the mean of the velocities before and after it.
 
 Otherwise the defects fall with the order of the method. If a Riemann-Liouville derivative of order
 :math:`\gamma < 1` turns an initial position into the force :math:`t^{-\gamma}`, they fall with
@@ -67,7 +61,7 @@ def diagnose_run(
         damping = -added if damping is None else damping - added
     initial = loads_along(loads.of_initial_data, steps, fresh)
     forcing = loads_along(loads.of_forcing, steps, fresh)
-    dissipated = worked = defect = maps = defects = None
+    dissipated = worked = defect = None
     if request.energy_balance:
         basis = lobatto_basis(steps.tables.degree)
         slopes = basis.derivatives(basis.control_points)[1:]
@@ -89,27 +83,11 @@ def diagnose_run(
             worked = worked - _running(steps.step_size * (rate @ steps.tables.weights))
         energy = scene.energy(steps.position, steps.momentum, steps.time)
         defect = energy - energy[0] + dissipated - worked
-    if request.symmetries:
-        start = steps.position[:-1, None]
-        places = start + steps.step_size[:, None, None] * steps.unknowns
-        places = np.concatenate([start, places], axis=1)
-        directions = [one.direction(places) for one in request.symmetries]
-        maps = np.stack(
-            [one.momentum(steps.position, steps.momentum) for one in request.symmetries], axis=1
-        )
-        given = [one for one in (forcing, initial) if one is not None]
-        rates = [
-            _summed(damping, one) - sum(_summed(part, one) for part in given) for one in directions
-        ]
-        defects = maps - maps[0] + np.stack(rates, axis=1)
     return Diagnostics(
         dissipated_work=dissipated,
         forcing_work=worked,
         energy_defect=defect,
         stored_energy=stored,
-        momentum_map=maps,
-        momentum_map_defect=defects,
-        map_names=tuple(one.name for one in request.symmetries),
     )
 
 

@@ -1,4 +1,4 @@
-"""Works, energy balance and momentum maps of a run, as values."""
+"""Works and energy balance of a run, as values."""
 
 from __future__ import annotations
 
@@ -23,23 +23,14 @@ class Diagnostics:
         :math:`W_f(t) = \int_0^t v \cdot f`, less :math:`\int_0^t \partial_t L`, shape ``(n,)``.
     energy_defect
         :math:`E(t) - E(0) + W_d(t) - W_f(t)`, shape ``(n,)``.
-    momentum_map
-        :math:`J_a = p \cdot \xi_a(q)`, one column for every symmetry, shape ``(n, a)``.
-    momentum_map_defect
-        :math:`J_a(t) - J_a(0) + \int_0^t (\sum_j \mu_j D^{\gamma_j} q - f) \cdot \xi_a(q)`.
     stored_energy
         Energy in the memory of the damping, shape ``(n,)``; methods with a sum of exponentials.
-    map_names
-        Names of the symmetries.
     """
 
     dissipated_work: Array | None = None
     forcing_work: Array | None = None
     energy_defect: Array | None = None
-    momentum_map: Array | None = None
-    momentum_map_defect: Array | None = None
     stored_energy: Array | None = None
-    map_names: tuple[str, ...] = ()
 
     def at(self, kept: NDArray[np.intp]) -> Diagnostics:
         """The diagnostics on some points of the grid."""

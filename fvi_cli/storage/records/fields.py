@@ -127,10 +127,6 @@ FIELDS: Final[tuple[Field, ...]] = (
           "energy less its start, plus dissipated work, less work of the forcing",
           _D + "energy_defect", (TIME,)),
     Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (TIME,)),
-    Field("momentum_map", "momentum of a symmetry", _D + "momentum_map", (TIME, "map")),
-    Field("momentum_map_defect",
-          "momentum of a symmetry less its start and what damping and forcing have changed",
-          _D + "momentum_map_defect", (TIME, "map")),
     Field(MESH, "points of the steps", _mesh, (MESH,)),
     Field("quantities/*", "quantity *", _O + "quantities.*", (TIME,)),
     Field("events/*/time", "time at the event *", _O + "events.*.time", (_EVENT,)),
@@ -176,8 +172,6 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("newton_iterations", "Newton's iterations", _N + "iterations"),
     Field("newton_largest", "most iterations of a step", _N + "largest"),
     Field("store_every", "every n-th point is kept", "trajectory.every"),
-    Field("momentum_maps", "names along the axis map", _D + "map_names", form="json",
-          decode=_texts),
     Field("stopped_by", "event that ended the run", _O + "stopped_by", form="words"),
     Field("quantity_extents", "how large quantities become", _extents, form="json"),
     Field("event_counts", "how often events happened", _counts, form="json"),
@@ -190,7 +184,6 @@ FIELDS: Final[tuple[Field, ...]] = (
 
 AXES: Final[Mapping[str, str]] = {
     "dof": "degree of freedom",
-    "map": "momentum map, named in the attribute momentum_maps of the run",
 }
 """Axes that have no values of their own."""
 
