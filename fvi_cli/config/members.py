@@ -10,7 +10,6 @@ from typing import Any, Final
 
 from fvi_cli.config.keys.designs import DESIGNS, read_members
 from fvi_cli.config.keys.sweep import (
-    NAME,
     PROBLEM,
     SWEEP,
     Sweep,
@@ -129,9 +128,7 @@ def _resolved(
     if at.has(DESIGNS):
         found[DESIGNS] = {one.name: {key: one.values[key] for key in one.named} for one in members}
     if isinstance(at.under(SWEEP).node, ListNode):
-        names = [{NAME: one.name} if one.name and not at.has(DESIGNS) else {} for one in members]
-        own = [one.unnamed if at.has(DESIGNS) else dict(one.values) for one in members]
-        rows = [{**name, **one} for name, one in zip(names, own, strict=True)]
+        rows = [one.unnamed for one in members]
         designs = len(found.get(DESIGNS, ())) or 1
         found[SWEEP] = rows[: len(rows) // designs]
     elif at.has(SWEEP):

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import types
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
-from fvi_cli.keys.cursor import INVALID, OPTIONAL, Cursor
+from fvi_cli.keys.cursor import INVALID, Cursor
 from fvi_cli.keys.nodes import MappingNode
 from fvi_cli.keys.scalars import Choice, Schema, Shape, referred
-from fvi_cli.keys.settings import Key, Record, Setting
+from fvi_cli.keys.settings import Record
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,29 +40,20 @@ class ByKind(Shape):
         kind: Any = self.default
         word = at.under(self.word).scalar if at.has(self.word) else None
         if isinstance(word, str) and word in self.meant:
-            # do not read the other keys: they belong to the unknown kind
             return at.refuse(f"{word}: {self.meant[word]}", self.word)
         if at.has(self.word):
             kind = choice.read(at.under(self.word))
         elif not self.default:
             kind = at.refuse(f"missing; it must be {choice.expected}", self.word)
-        record = self.kinds[kind] if kind is not INVALID else self._of_any_kind()
+        if kind is INVALID:
+            # do not read the other keys: they belong to the unknown kind
+            return INVALID
+        record = self.kinds[kind]
         rest = {name: entry for name, entry in at.node.entries.items() if name != self.word}
         node = MappingNode(place=at.node.place, entries=rest)
         values = record.read(Cursor(node=node, complaints=at.complaints, path=at.path))
         is_default = self.default and kind == self.default
         return values if is_default or values is INVALID else {self.word: kind, **values}
-
-    def _of_any_kind(self) -> Record:
-        """Every key of every kind, none of them required."""
-        keys: dict[str, Key] = {}
-        refused: dict[str, str] = {"type": f"not a key: write {self.word}"}
-        for record in self.kinds.values():
-            refused.update(record.of.refused)
-            for name, key in record.keys.items():
-                keys.setdefault(name, replace(key, default=OPTIONAL))
-        of_any_kind = types.new_class("OfAnyKind", (Setting,), {"refused": refused})
-        return Record(of=of_any_kind, keys=keys)
 
     def build(self, value: Any) -> Any:
         """The value that the record of its kind makes."""

@@ -103,25 +103,6 @@ def test_designs_meet_every_value_of_a_sweep():
     assert stiff == {**dict.fromkeys(NAMES, 60.0), "stiff springpot": 66.0}
 
 
-LISTED = """\
-name: listed
-problem: {kind: pendulum, final_time: 2.0, initial: {position: 1.0}, exact: none}
-sweep:
-  - {name: slow, problem.omega: 1.0}
-  - {name: quick, problem.omega: 3.0}
-method: gauss3
-ladder: {steps: [32]}
-quantities: {angle: x}
-"""
-
-
-def test_members_of_a_list_have_names():
-    config = parse_config(LISTED, "listed.yaml")
-    members = config.experiments[0].members
-    assert [one.label for one in members] == ["slow", "quick"]
-    assert parse_config(json.dumps(config.resolved), "again.yaml").resolved == config.resolved
-
-
 def test_an_override_from_the_command_line_reaches_a_design():
     config = parse_config(
         TEXT, "building.yaml", overrides=["designs.stiff springpot.problem.dampers.0.coefficient=8"]

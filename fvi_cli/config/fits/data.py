@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
-
-import numpy as np
+from typing import Any
 
 from fvi_cli.config.keys.fit import Data
 from fvi_cli.config.observations import FORCE, names_along
@@ -23,11 +20,6 @@ from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.fits.settings import PARTS, Amplitude, DataSet, Series
 from fvi_cli.studies.members import leads_somewhere, with_values
 from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
-
-LEAST_WORK: Final = 0.1
-"""Negative work beyond this share of (force range times displacement range) is not noise."""
-
-_logger = logging.getLogger(__name__)
 
 
 def read_data(
@@ -51,7 +43,6 @@ def read_data(
             forces, series = _response(one, described, problem, under)
         else:
             forces, series = (), _motion(one, problem, quantities, under)
-        _remark_on_work(series, problem, under)
         name = one.name if one.name is not None else Path(one.file).stem
         if any(other.name == name for other in found):
             under.refuse(f"{excerpt(name)!r} is the name of another motion; give each a name")
@@ -111,28 +102,6 @@ def _motion(
             formula=formula,
         )
     return found
-
-
-def _remark_on_work(series: Sequence[Series], problem: Problem, at: Cursor) -> None:
-    """Warn of a damper on the bench that gives energy, which no law does from rest."""
-    motion = problem.scene.prescribed
-    for one in series if motion is not None else ():
-        if one.formula is None or one.formula.text != FORCE or motion is None:
-            continue
-        u, f = motion.displacement(one.times)[:, 0], one.values
-        if abs(u[-1]) < abs(u[0]):
-            # it may return energy that a spring had stored
-            continue
-        size = float(np.ptp(f) * np.ptp(u))
-        works = [float(np.trapezoid(force, u)) for force in (f, f - f.mean())]
-        if max(works) < -LEAST_WORK * size:
-            _logger.warning(
-                "%s: fit.data: column %s does the work %.3g along the displacement, which is "
-                "negative: is its sign that of the displacement, or are the columns exchanged?",
-                at.node.place,
-                one.column,
-                works[0],
-            )
 
 
 def _response(

@@ -13,7 +13,6 @@ from fvi_cli.config.keys.sweep import (
     Sweep,
     indexed,
     is_absent,
-    meant_key,
     objection_to_name,
     read_sweep,
     swept_keys,
@@ -69,9 +68,6 @@ def _every_pair(designs: Sweep, sweep: Sweep, at: Cursor) -> Sweep | None:
     if clash is not None:
         inner, outer = clash
         at.under(SWEEP).refuse_key(inner, f"designs change {excerpt(outer)}; sweep other keys")
-        return None
-    if sweep.names:
-        at.under(SWEEP).refuse("designs have names already; leave out name here")
         return None
     count = len(designs.combinations) * len(sweep.combinations)
     if count > MOST_MEMBERS:
@@ -149,13 +145,11 @@ def _changed(tree: Node, here: Cursor, places: dict[str, SourcePosition]) -> Nod
     if not isinstance(here.node, MappingNode):
         here.needs("a mapping of overrides, such as {problem.damping: []}")
         return tree
-    for key in swept_keys(here.node, here, tree):
+    for key in swept_keys(here.node, here):
         entry = here.node.entries[key]
         known = _known_keys(tree)
         if known and (name := key.split(".")[1]) not in known:
             hint = suggestion(name, known) or f" (known here: {listed(known)})"
-            if (meant := meant_key(name, tree)) != f"{PROBLEM}.{name}":
-                hint = f"; write {meant}"
             here.refuse_key(key, f"{excerpt(name)}: not known{hint}")
             continue
         places.setdefault(key, entry.key_place)

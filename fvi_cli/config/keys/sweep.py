@@ -17,7 +17,6 @@ from fvi_cli.keys.nodes import (
     MappingNode,
     Node,
     ScalarNode,
-    node_at,
     plain,
 )
 from fvi_cli.keys.ranges import RANGE
@@ -30,14 +29,13 @@ BYTES_PER_RUN: Final = 4000
 """Memory of a finished run in addition to its trajectory."""
 
 SWEEP: Final = "sweep"
-NAME: Final = "name"
 LONGEST_NAME: Final = 60
 PROBLEM: Final = "problem"
 
 _EXPECTED: Final = (
     "a mapping such as {problem.stiffness: [1, 2, 4], problem.damping.0.order: {from: 0.1, "
-    "to: 0.9, number: 9}}, or a list of mappings with one value for every key and, if they have "
-    "them, their names: [{name: soft, problem.stiffness: 1}, {name: stiff, problem.stiffness: 4}]"
+    "to: 0.9, number: 9}}, or a list of mappings with one value for every key: "
+    "[{problem.stiffness: 1}, {problem.stiffness: 4}]"
 )
 _NOT_SWEPT: Final = {
     "problem.kind": "members are of one kind; write several experiments",
@@ -53,7 +51,7 @@ class Sweep:
     key_places: Mapping[str, SourcePosition]  # every swept key with its place
     values: Mapping[str, Sequence[Node]]  # the distinct values of every key
     combinations: Sequence[tuple[int, ...]]  # for every member an index into `values` for each key
-    # for every member its name, which stands for the values of the keys `named`; empty: no names
+    # for every member the name of its design, which stands for the values of the keys `named`
     names: Sequence[str] = ()
     named: tuple[str, ...] = ()
     is_valid: bool = True  # whether there are no complaints
@@ -68,13 +66,12 @@ class Sweep:
 
 def _described(defs: Schema) -> Schema:
     key = {"propertyNames": {"pattern": r"^problem\."}, "minProperties": 1}
-    named = {**key, "propertyNames": {"pattern": r"^(problem\.|name$)"}}
     several = {"anyOf": [{"type": "array", "minItems": 1}, RANGE.schema(defs)]}
     return {
         "title": "mapping of lists or ranges, or list of mappings",
         "oneOf": [
             {"type": "object", "additionalProperties": several, **key},
-            {"type": "array", "minItems": 1, "items": {"type": "object", **named}},
+            {"type": "array", "minItems": 1, "items": {"type": "object", **key}},
         ],
     }
 
@@ -86,17 +83,17 @@ def read_sweep(experiment: Cursor) -> Sweep | None:
     """The values of the members, as far as they are valid; None: there are none."""
     sweep, at = None, experiment.under(SWEEP)
     if isinstance(at.node, MappingNode) and at.node.entries:
-        sweep = _every_combination(at.node, at, experiment.node)
+        sweep = _every_combination(at.node, at)
     elif at.items():
-        sweep = _listed_members(at, experiment.node)
+        sweep = _listed_members(at)
     else:
         at.needs(_EXPECTED)
     return sweep if sweep is not None and sweep.values and sweep.combinations else None
 
 
-def _every_combination(node: MappingNode, at: Cursor, tree: Node) -> Sweep | None:
+def _every_combination(node: MappingNode, at: Cursor) -> Sweep | None:
     values: dict[str, Sequence[Node]] = {}
-    for key in swept_keys(node, at, tree):
+    for key in swept_keys(node, at):
         under = at.under(key)
         found: Sequence[Node] = [item.node for item in under.items()]
         if isinstance(under.node, ListNode):
@@ -151,15 +148,14 @@ def value_text(node: Node) -> str:
     return json.dumps(value, sort_keys=True)
 
 
-def _listed_members(at: Cursor, tree: Node) -> Sweep | None:
+def _listed_members(at: Cursor) -> Sweep | None:
     items = at.items()
     if len(items) > MOST_MEMBERS:
         at.refuse(too_many(len(items)))
         return None
     first = items[0]
     entries = first.node.entries if isinstance(first.node, MappingNode) else {}
-    keys = swept_keys(first.node, first, tree) if isinstance(first.node, MappingNode) else []
-    names: dict[str, str] = {}
+    keys = swept_keys(first.node, first) if isinstance(first.node, MappingNode) else []
     rows: list[Mapping[str, Node]] = []
     taken: list[Cursor] = []
     for item in items:
@@ -167,22 +163,15 @@ def _listed_members(at: Cursor, tree: Node) -> Sweep | None:
             item.needs("a mapping such as {problem.stiffness: 2}")
             continue
         if set(item.node.entries) != set(entries):
-            shown = listed(excerpt(key) for key in entries if key != NAME)
-            shown += " (and name)" if NAME in entries else ""
+            shown = listed(excerpt(key) for key in entries)
             item.refuse(f"every member must have the same keys: {shown}")
             continue
         rows.append({key: item.node.entries[key].node for key in keys})
         taken.append(item)
-        if NAME in item.node.entries:
-            word = item.under(NAME)
-            if reason := objection_to_name(word.scalar, names):
-                word.refuse(reason)
     values, combinations, repeated = indexed(keys, rows)
     for later, _ in repeated if keys else ():
         taken[later].refuse("these values are given twice")
     return Sweep(
-        names=list(names.values()),
-        named=tuple(keys) if names else (),
         place=at.node.place,
         key_places={key: entries[key].key_place for key in keys},
         values=values,
@@ -232,32 +221,19 @@ def objection_to_name(given: object, names: dict[str, str]) -> str:
     return ""
 
 
-def swept_keys(node: MappingNode, at: Cursor, tree: Node) -> list[str]:
-    """The valid keys; each must lie under ``problem``, and no key inside another one.
-
-    `tree` is the experiment, from which complaints suggest valid keys.
-    """
+def swept_keys(node: MappingNode, at: Cursor) -> list[str]:
+    """The valid keys; each must lie under ``problem``, and no key inside another one."""
     if len(node.entries) > MOST_KEYS:
         at.refuse(f"{len(node.entries)} keys are too many; at most {MOST_KEYS}")
         return []
     keys = []
     for key in node.entries:
-        if key == NAME and isinstance(at.path[-1], int):
-            continue
         parts = key.split(".")
         outer = [".".join(parts[:count]) for count in range(1, min(len(parts), DEEPEST))]
         inside = next((one for one in outer if one in node.entries), None)
         if parts[0] != PROBLEM or len(parts) == 1 or not all(parts):
-            is_other = parts[0] != PROBLEM
-            if is_other and parts[0] not in ("method", "ladder", "accuracy", "quantities"):
-                meant = meant_key(key, tree) if key.strip(".") else ""
-                hint = f"; write {excerpt(meant)}" if meant else ""
-            else:
-                hint = "; methods and numbers of steps are listed there" if is_other else ""
             can = "differ between designs" if "designs" in at.path else "be swept"
-            at.refuse_key(
-                key, f"only keys of the problem can {can}, such as problem.stiffness{hint}"
-            )
+            at.refuse_key(key, f"only keys of the problem can {can}, such as problem.stiffness")
         elif len(parts) > DEEPEST:
             at.refuse_key(key, f"is nested more than {DEEPEST} deep")
         elif key in _NOT_SWEPT:
@@ -267,25 +243,3 @@ def swept_keys(node: MappingNode, at: Cursor, tree: Node) -> list[str]:
         else:
             keys.append(key)
     return keys
-
-
-def meant_key(key: str, tree: Node) -> str:
-    """The whole path of a key of the problem of an experiment: ``problem.parameters.F`` for F.
-
-    If the problem has no such key, the result is ``problem.F``.
-    """
-    parts = tuple(key.split("."))
-    inner: list[tuple[tuple[str, ...], Node]] = [((), node_at(tree, (PROBLEM,))[0])]
-    for path, node in inner:
-        if isinstance(node, MappingNode):
-            inside = [(name, entry.node) for name, entry in node.entries.items()]
-        elif isinstance(node, ListNode):
-            inside = [(str(index), item) for index, item in enumerate(node.items[:DEEPEST])]
-        else:
-            inside = []
-        for name, below in inside:
-            if (*path, name)[-len(parts) :] == parts:
-                return ".".join((PROBLEM, *path, name))
-            if len(path) < DEEPEST:
-                inner.append(((*path, name), below))
-    return f"{PROBLEM}.{key}"
