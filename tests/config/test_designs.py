@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 import yaml
-from command_line import fvi, rows_of
+from command_line import fvi
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
@@ -148,16 +148,3 @@ def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, mon
         if row["design"] != "bare":
             change = row["peak_drift"] / first[row["problem.masses.0"]] - 1
             assert row["peak_drift_change"] == pytest.approx(change, rel=1e-12)
-
-
-def test_exports_have_the_names_of_designs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = TEXT + "sweep: {problem.masses.0: [2.0, 3.0]}\n"
-    (tmp_path / "building.yaml").write_text(text, encoding="utf-8")
-    fvi("run", "building.yaml", code=0)
-    fvi("export", "results/building.h5", "--to", "csv", code=0)
-    rows = []
-    for file in (tmp_path / "results").rglob("*-members.csv"):
-        rows += rows_of(file)
-    found = [(row["design"], float(row["problem.masses.0"])) for row in rows]
-    assert sorted(found) == sorted((name, mass) for name in NAMES for mass in (2.0, 3.0))
