@@ -5,14 +5,12 @@ import re
 import numpy as np
 import pytest
 from command_line import fvi as command
-from fvi_cli.studies.tolerance.equal_steps import solve_on_equal_steps
 from letters import spring
 from oracles.volterra import solve_volterra
 from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.scenes.data import duffing
-from fvi_cli.studies.accuracy_settings import USUAL_CANDIDATES
 from fvi_cli.studies.tolerance import search
 from fvi_cli.studies.tolerance.differences import perturb_start
 
@@ -54,17 +52,6 @@ def test_the_position_is_probed_where_it_may_begin_anywhere() -> None:
     for order, derivative in ((0.5, "riemann-liouville"), (1.5, "caputo")):
         scene = spring((order, 0.3), k=1.0, T=2.0, v=1.0, derivative=derivative)
         assert perturb_start(scene, fvi.solve(scene, tolerance=1e-6)).initial_position != 0.0
-
-
-@pytest.mark.parametrize("order", [0.3, 1.0, 1.7])
-@pytest.mark.parametrize("position", [1.0, -3e-9, 7e8])
-def test_equal_steps_for_what_does_not_move(order: float, position: float) -> None:
-    scene = spring((order, 0.3), k=0.0, T=4.0, x=position, v=0.0)
-    for methods in (USUAL_CANDIDATES, USUAL_CANDIDATES[-1:]):
-        _, run, _ = solve_on_equal_steps(scene, methods, tolerance=1e-6 * abs(position))
-        assert run.assessment is not None
-        assert run.assessment.outcome == "met"
-        assert (run.position == position).all()
 
 
 def test_a_search_whose_steps_run_out_makes_no_further_runs(
