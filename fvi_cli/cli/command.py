@@ -91,14 +91,6 @@ class Call:
         )
         return self.requests
 
-    def remark(self) -> None:
-        """Warn of settings in the requests that are valid and surely not meant."""
-        from fvi_cli.runner.request import plausibility_remarks
-
-        for request in self.requests:
-            for line in plausibility_remarks(request):
-                _logger.warning("%s", line)
-
     @property
     def keep(self) -> bool:
         """Whether computed runs are stored."""

@@ -49,7 +49,6 @@ def run(
             print(runs_as_text(outcomes, every_member=call.verbose), path, sep="\n")
 
     call.gather(sources)
-    call.remark()
     return call.each(compute_runs, show, keeps_motions=False, prune=prune)
 
 

@@ -43,7 +43,6 @@ def check(call: Call, configs: Configs) -> int:
     """Validate configurations and compute nothing."""
     try:
         requests = call.gather(configs)
-        call.remark()
     except RequestError as error:
         if call.json:
             from fvi_cli.render.json import checked_as_json

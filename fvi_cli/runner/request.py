@@ -14,17 +14,11 @@ import numpy as np
 from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored, parse_config
 from fvi_cli.errors import FviError, RequestError
 from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
-from fvi_cli.scenes.plausibility import implausible_settings
-from fvi_cli.scenes.problem import Problem
 
 if TYPE_CHECKING:
     from fvi_cli.storage import StoredConfiguration
 
 STORED_SUFFIX = ".h5"
-MOST_DESIGNS = 20
-"""So many of a sweep's named members (designs) are searched for implausible settings."""
-EXCITING = frozenset({"initial", "forcing", "ground_acceleration", "parameters"})
-"""Keys of a problem that can set it in motion: at rest by itself, a sweep of these may move it."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -34,30 +28,6 @@ class Request:
     name: str  # name of the files that are written
     loaded: LoadedConfig  # the configuration
     stored: Path | None = None  # result file that was named in its place; then nothing is computed
-
-
-def plausibility_remarks(request: Request) -> list[str]:
-    """Settings of the experiments that are valid and surely not meant, each once."""
-    found: list[str] = []
-    for experiment in request.loaded.experiments:
-        # named members differ as their author chose; ranges are judged by what is not swept
-        members = [one for one in experiment.members if one.name][:MOST_DESIGNS]
-        specified = [one.specification for one in members]
-        specified = specified or [dict(experiment.problem_specification)]
-        is_swept = any(key.split(".")[1] in EXCITING for key in experiment.swept) and not members
-        problems = [one.problem for one in members] or [experiment.problem]
-        for problem, given in zip(problems, specified, strict=True):
-            if isinstance(problem, Problem):
-                quantities = experiment.observations.quantities or {}
-                lines = implausible_settings(
-                    problem,
-                    given,
-                    quantities,
-                    experiment.units,
-                    is_moved=is_swept or experiment.fit is not None,
-                )
-                found += [f"{experiment.name}: {line}" for line in lines]
-    return list(dict.fromkeys(found))
 
 
 Source = str | Path | Mapping[str, Any] | LoadedConfig | Request
