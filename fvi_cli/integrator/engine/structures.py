@@ -130,7 +130,12 @@ def solve_one_by_one(
     """Solve the steps of a frame; as :meth:`fvi_cli.integrator.engine.engine.Engine.solve`."""
     h, count, t = frame.h, frame.count, frame.tables
     combinations = () if damping is None else damping.combinations
-    solve, drive = law.solver(frame, combinations), t.to_inputs
+    drive, failed = t.to_inputs, False
+    try:
+        solve = law.solver(frame, combinations)
+    except np.linalg.LinAlgError:
+        # the step has no unique solution
+        solve, failed = np.zeros_like, True
     (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, state.x.shape[1])
     r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
     every = [toeplitz_matrix(one[0]) for one in frame.sequences]
@@ -181,7 +186,7 @@ def solve_one_by_one(
         z=z,
         iterations=np.zeros(1, dtype=np.int64),
         most=np.zeros(1, dtype=np.int64),
-        failed=np.zeros(1, dtype=bool),
+        failed=np.full(1, failed),
         failed_at=np.zeros(1, dtype=np.int64),
         change=np.zeros(1),
     )

@@ -190,3 +190,21 @@ def test_a_tall_frame_is_sparse_and_the_same():
     )
     assert scene.is_sparse
     assert all(is_sparse(term.form) for term in scene.damping)
+
+
+@pytest.mark.parametrize("sparse", [True, False])
+def test_a_step_without_a_unique_solution_ends_the_run(sparse):
+    """m/h^2 + k/4 = 0 in all of its steps."""
+    n = 40
+    mass, stiffness = csr_array(diags_array(np.ones(n))), csr_array(diags_array(np.full(n, -4.0)))
+    scene = Scene(
+        inertia=Inertia(mass=mass if sparse else mass.toarray()),
+        potential=QuadraticPotential(stiffness=stiffness if sparse else stiffness.toarray()),
+        initial_position=np.ones(n),
+        initial_velocity=np.zeros(n),
+        final_time=10.0,
+    )
+    found = integrate(scene, Method(cq="gauss", degree=1), 10)
+    assert found.status == "failed"
+    assert "have no unique solution" in found.message
+    assert found.time.size == 1
