@@ -33,7 +33,7 @@ from fvi_cli.runner.stored import (
 from fvi_cli.storage import Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.members import Member
-from fvi_cli.studies.reference import Reference, needs_refined_run
+from fvi_cli.studies.reference import Reference, needs_refined_run, remember
 
 _logger = logging.getLogger(__name__)
 
@@ -142,6 +142,10 @@ def run(
         ]
         if request.stored is not None:
             report_missing(outcomes, store)
+            for experiment, runs in listed.items():
+                is_refined = runs and not experiment.members and needs_refined_run(runs[0])
+                if is_refined and (reference := store.reference(runs[0])):
+                    remember(experiment, reference)
         return outcomes
 
 

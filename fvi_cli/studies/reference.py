@@ -6,6 +6,7 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -128,7 +129,16 @@ def reference_of(run: Run) -> Reference:
 
     For members of a sweep :func:`refined_references` checks the exact solutions.
     """
-    return _reference_of(run.experiment, run.member)
+    known = _STORED.get(run.experiment) if run.member is None else None
+    return known or _reference_of(run.experiment, run.member)
+
+
+_STORED: WeakKeyDictionary[Experiment, Reference] = WeakKeyDictionary()
+
+
+def remember(experiment: Experiment, reference: Reference) -> None:
+    """Take a stored reference for the runs of an experiment, which is then not computed again."""
+    _STORED[experiment] = reference
 
 
 @functools.lru_cache(maxsize=8)

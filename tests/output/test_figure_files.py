@@ -169,3 +169,18 @@ def test_a_style_of_matplotlib_is_known_by_its_name_and_another_one_is_refused()
     refused = pytest.raises(RequestError, match="--style: 'no-such-style' is not a valid")
     with refused, drawn_as((), "no-such-style"):
         pass
+
+
+def test_a_figure_from_a_file_computes_no_reference(tmp_path, monkeypatch):
+    config = tmp_path / "swing.yaml"
+    problem = "kind: pendulum, final_time: 1.0, initial: {position: 1.0}"
+    more = "figures: [error]\n"
+    config.write_text(configuration(problem, name="swing", steps="8, 16", more=more))
+    fvi("run", config, "-q", "-o", tmp_path, code=0)
+
+    def computed(*arguments):
+        raise AssertionError("a reference was computed")
+
+    monkeypatch.setattr("fvi_cli.studies.reference.find_references", computed)
+    fvi("plot", tmp_path / "swing.h5", "-q", "-o", tmp_path, code=0)
+    assert (tmp_path / "figures" / "swing-error.png").is_file()
