@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,12 +27,11 @@ from fvi_cli.mathematics.expressions import Expression, slopes_system
 
 T = TypeVar("T")
 
-ROUGH = float(np.finfo(float).eps) ** 0.25
-"""Difference quotients that agree to this share of a derivative are of a smooth function."""
-GROSS = 0.1
-"""Relative error of derivatives that users give, allowed away from the start: tables have one."""
-PARTS = (-0.3, -0.01, 0.01, 0.3)
-"""Distances from the start at which functions of the user are tried, relative to sizes there."""
+WRONG = 0.1
+"""Relative error from which a derivative that a user gives is none."""
+BESIDE = 1e-3
+"""Distance from the start at which it is tried, relative to 1 and to the start: at rest itself a
+wrong sign does not show."""
 
 
 class Potential(Protocol):
@@ -229,13 +227,13 @@ class SuppliedPotential(_StiffenedPotential):
 def checked_potential(
     functions: Potential, position: Array
 ) -> QuadraticPotential | ExpressionPotential | SuppliedPotential:
-    """A potential for a scene; an object of the user is tried around a position, shape ``(d,)``.
+    """A potential for a scene; an object of the user is tried at a position, shape ``(d,)``.
 
     Raises
     ------
     ValueError
-        If a function is missing, returns another shape or is not finite at the position, or is not
-        the derivative of another one: there, or roughly at places nearby.
+        If a function is missing, returns another shape or is not finite at the position, or is
+        not roughly the derivative of another one beside it.
     """
     if isinstance(functions, QuadraticPotential | ExpressionPotential | SuppliedPotential):
         return functions
@@ -254,39 +252,19 @@ def checked_potential(
             raise ArgumentError(
                 "potential", f"{name} is not finite at the start, q = {position.tolist()}"
             )
-    _check_derivatives(found, name, position, "at the start", 4.0 * ROUGH)
-    for place in _places_near(position):
-        # at rest a wrong sign does not show; outside the domain of V errors are ignored
-        with np.errstate(all="ignore"), contextlib.suppress(ArithmeticError, LookupError):
-            _check_derivatives(found, name, place, f"at q = {place.tolist()}", GROSS)
-    return found
-
-
-def _places_near(position: Array) -> list[Array]:
-    """Places near a position, at distances relative to 1 and to its own size."""
-    turns = np.cos(np.arange(1, position.size + 1))
-    sizes = (np.maximum(1.0, np.abs(position)), np.abs(position))
-    return [position + part * size * turns for size in sizes for part in PARTS if size.any()]
-
-
-def _check_derivatives(
-    found: SuppliedPotential, name: str, place: Array, where: str, tolerated: float
-) -> None:
-    """Refuse a derivative if differences over two distances agree, but not with it."""
+    place = position + BESIDE * np.maximum(1.0, np.abs(position))
     spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(place))
     for value, derivative in ((found.energy, found.gradient), (found.gradient, found.hessian)):
-        near, far = (_differences(value, place, size * spacing) for size in (1.0, 2.0))
-        own = derivative(place)
-        # kinks, and round-off of large values, are no mistakes
-        size = np.abs(own).max() + np.abs(near).max()
-        agrees = np.abs(near - far).max() < ROUGH * size
-        if agrees and np.abs(own - near).max() > tolerated * size:
+        with np.errstate(all="ignore"):
+            own, quotients = derivative(place), _differences(value, place, spacing)
+        size = np.abs(own).max() + np.abs(quotients).max()
+        if np.abs(own - quotients).max() > WRONG * size:
             raise ArgumentError(
                 "potential",
-                f"{name}.{derivative.__name__} is not the derivative of "
-                f"{name}.{value.__name__} {where}: it returns {own.tolist()}, "
-                f"differences give {near.tolist()}",
+                f"{name}.{derivative.__name__} is not the derivative of {name}.{value.__name__} "
+                f"near the start: it returns {own.tolist()}, differences give {quotients.tolist()}",
             )
+    return found
 
 
 def _differences(function: Callable[[Array], Array], position: Array, sizes: Array) -> Array:
