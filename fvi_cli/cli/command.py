@@ -39,9 +39,7 @@ _logger = logging.getLogger("fvi_cli")
 ALWAYS = ("quiet", "verbose")
 CONFIGURED = ("output", "overrides", "dry_run", "json")
 COMPUTED = (*CONFIGURED, "workers", "dask", "fresh")
-DRAWN = ("formats", "style")
-"""Shared options: of all commands, of those that read configurations, that compute runs, that draw.
-"""
+"""Shared options: of all commands, of those that read configurations, that compute runs."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -180,11 +178,11 @@ class Call:
         from fvi_cli.render.results import compare, json_rows, summary_of, write
 
         name = None if request is None else request.name
-        formats, paths = self.formats or (), list[Path]()
+        paths = list[Path]()
         if self.check:
             self.differences += compare(results, self.output, name=name)
         else:
-            paths = write(results, self.output, name=name, formats=formats)
+            paths = write(results, self.output, name=name)
             paths += also()
         self.files += paths
         if self.json:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from fvi_cli.cli.command import COMPUTED, CONFIGURED, DRAWN, Call, command
+from fvi_cli.cli.command import COMPUTED, CONFIGURED, Call, command
 from fvi_cli.cli.options import Configs, Sources
 
 if TYPE_CHECKING:
@@ -54,7 +54,6 @@ def run(
 
 @command(
     *CONFIGURED,
-    *DRAWN,
     examples="""
     fvi cost damped-oscillator
     fvi cost mine.yaml --set 'ladder.steps=[64, 128, 256]' --repeats 9
@@ -77,7 +76,6 @@ def cost(
 
 @command(
     *CONFIGURED,
-    *DRAWN,
     "check",
     examples="fvi stability stability-bagley-torvik",
 )
@@ -94,7 +92,6 @@ def stability(
 
 @command(
     *CONFIGURED,
-    *DRAWN,
     "check",
     examples="""
     fvi fit fit-response
@@ -117,7 +114,7 @@ def fit(call: Call, configs: Configs) -> int:
     return call.each(fit_to, show, tasks=fit_tasks)
 
 
-@command(*CONFIGURED, *DRAWN, "check", examples="fvi modes ten-storeys --count 4")
+@command(*CONFIGURED, "check", examples="fvi modes ten-storeys --count 4")
 def modes(
     call: Call,
     configs: Configs,
@@ -146,7 +143,6 @@ def modes(
 
 @command(
     *CONFIGURED,
-    *DRAWN,
     "check",
     examples="fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",
 )

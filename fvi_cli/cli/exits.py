@@ -1,8 +1,8 @@
 """How a command ends: exit codes, and messages on standard error.
 
 Exit codes: 0 done; 1 a run failed unexpectedly; 2 a request or configuration that cannot be carried
-out; 3 a check did not hold; 130 interrupted; 141 the reader of standard output ended. Standard
-output carries results, standard error everything else.
+out; 3 a check did not hold; 130 interrupted. Standard output carries results, standard error
+everything else.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import typer
 
 from fvi_cli.errors import FviError, RequestError
 
-DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, INTERRUPTED, BROKEN_PIPE = 0, 1, 2, 3, 130, 141
+DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
 P = ParamSpec("P")
 
@@ -57,7 +57,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         except BrokenPipeError:
             # the reader of the pipe has ended; the interpreter would complain once more at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            code = BROKEN_PIPE
+            code = DONE
         except OSError as error:
             # a folder that is not there, a full disk, no permission
             place = f"{error.filename}: " if error.filename else ""

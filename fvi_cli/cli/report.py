@@ -6,7 +6,7 @@ import logging
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from fvi_cli.cli.command import COMPUTED, DRAWN, Call, command
+from fvi_cli.cli.command import COMPUTED, Call, command
 from fvi_cli.cli.options import Sources, UsualSources
 
 if TYPE_CHECKING:
@@ -49,7 +49,8 @@ def convergence(call: Call, sources: UsualSources = None) -> int:
 
 @command(
     *COMPUTED,
-    *DRAWN,
+    "formats",
+    "style",
     examples="""
     fvi plot damped-oscillator
     fvi plot results/damped-oscillator.h5 --format svg --style thesis.mplstyle

@@ -263,9 +263,7 @@ def _report(finished: FinishedRun, shown: set[tuple[str, str, str]]) -> None:
     run = finished.run
     for remark in finished.trajectory.remarks:
         alike = run.experiment.name, run.method.case, re.sub(r"[0-9.]+", "", remark)
-        # tables of orders show the other remarks of a ladder, but no table those on outputs
-        is_shown = remark.startswith(("stability:", "steps:")) or not run.observations.is_empty
-        if is_shown and alike not in shown:
+        if alike not in shown:
             shown.add(alike)
             _logger.warning("%s: %s", run.title, remark)
     level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
