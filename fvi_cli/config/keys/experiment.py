@@ -151,8 +151,8 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
         default=None,
     )
     impacts: Impacts = key(
-        "Surfaces on which the motion bounces. The damping remembers what was before; endless "
-        "rebounds end the run, which says when. Stored like events. For Runge-Kutta methods and a "
+        "Surfaces on which the motion bounces. The damping remembers what was before; a motion at "
+        "rest ends the run, which says when. Stored like events. For Runge-Kutta methods and a "
         "ladder.",
         default=None,
     )
