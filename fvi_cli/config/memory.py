@@ -47,8 +47,8 @@ def check_memory(experiment: Experiment, at: Cursor) -> None:
     # memory grows with the number of steps
     for index in sorted(range(len(steps)), key=lambda index: -steps[index]):
         n_steps = steps[index]
-        words = shortage(max(run_bytes(experiment, one, n_steps) for one in methods))
-        if not words:
+        needed = max((run_bytes(experiment, one, n_steps) for one in methods), default=0)
+        if not (words := shortage(needed)):
             break
         refuse_step(at, index, f"{n_steps} steps {words}")
     points = sum(n_steps // experiment.store_every + 2 for n_steps in steps)
