@@ -55,8 +55,6 @@ class Reference:
     """Estimated error of the values in the maximum norm: for an exact solution its round-off; nan
     where nothing is known."""
     source: str  # description for readers of tables
-    is_dense: bool = False
-    """Whether there are values at any time."""
     _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
     def at(self, times: Array) -> Array:
@@ -76,7 +74,7 @@ class Reference:
     def tabulated(self, times: Array) -> Reference:
         """The reference restricted to `times`, which can be stored and sent to another process."""
         values = Tabulated(time=times, position=self.values(times))
-        return replace(self, values=values, is_dense=False)
+        return replace(self, values=values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -193,7 +191,7 @@ def _reference(problem: AnyProblem, difference: float | None) -> Reference:
 
 def _exact(problem: AnyProblem, exact: Callable[[Array], Array]) -> Reference:
     error = problem.exact_error if isinstance(problem, Problem) else 0.0
-    return Reference(values=exact, error=error, source=problem.exact_source, is_dense=True)
+    return Reference(values=exact, error=error, source=problem.exact_source)
 
 
 def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
@@ -267,7 +265,7 @@ def _refined(scene: Scene) -> Reference:
         difference = max(float(np.abs(fine(times) - one(times)).max()) for one in others)
         words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
         source = f"refined run ({words})"
-        return Reference(values=fine, error=difference, source=source, is_dense=True)
+        return Reference(values=fine, error=difference, source=source)
     return _without_end(scene, last)
 
 

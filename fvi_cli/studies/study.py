@@ -30,15 +30,8 @@ from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 DIVERGED_RATIO = 10.0
 EPSILON = float(np.finfo(float).eps)
 
-MUCH_WORSE, NOTICED = 10.0, 1e-4
-"""A warning is given for outputs that err by more than 10 times the error at points and by more
-than 1e-4 of the motion (guessed)."""
-
 KEPT_BYTES = 2**25
 """Runs whose points take at most so many bytes are kept whole until their error is measured."""
-
-UNRELIABLE = 0.01
-"""If the floor is above this share of the largest value, errors say too little to be used."""
 
 
 def study(
@@ -157,9 +150,8 @@ def assessed(
             reported,
             steps=None,
             remarks=(
-                *_remarks(run, trajectory, prediction, measured),
+                *_remarks(run, trajectory, prediction),
                 *_unknown_error(reference),
-                *_between_points(trajectory, reported, reference, measured),
             ),
             coordinates=run.problem.coordinates,
         ),
@@ -177,41 +169,10 @@ def _unknown_error(reference: Reference) -> tuple[str, ...]:
     return (f"error: not known, reference: {reference.source}",) if is_lost else ()
 
 
-def _between_points(
-    trajectory: Trajectory, reported: Trajectory, reference: Reference, measured: Measured
-) -> tuple[str, ...]:
-    """A warning where outputs and events between points of the mesh err much more than the points.
-
-    There is none for a reference on a grid alone, nor for peaks of quantities.
-    """
-    events = reported.observed.events.values() if reported.observed else ()
-    seen = [(reported.time, reported.position), *((one.time, one.position) for one in events)]
-    times, positions = (np.concatenate(one) for one in zip(*seen, strict=True))
-    if not (reference.is_dense and times.size) or np.isin(times, trajectory.time).all():
-        return ()
-    gaps = np.abs(positions - reference.values(times)).max(axis=1)
-    worst = int(np.argmax(np.where(np.isnan(gaps), math.inf, gaps)))
-    if gaps[worst] <= max(MUCH_WORSE * measured.max, NOTICED * measured.largest):
-        return ()
-    return (
-        f"between the points of the mesh the motion is off by {gaps[worst]:.2g} (at t = "
-        f"{times[worst]:.6g}), at these by {measured.max:.2g}: do not trust outputs, quantities "
-        "and events there; take more steps, or `accuracy: {tolerance: ...}`",
-    )
-
-
-def _remarks(
-    run: Run, trajectory: Trajectory, prediction: StabilityPrediction, measured: Measured
-) -> tuple[str, ...]:
+def _remarks(run: Run, trajectory: Trajectory, prediction: StabilityPrediction) -> tuple[str, ...]:
     """Remarks on a run for the reader of a table."""
     experiment, scene, n_steps = run.experiment, run.problem.scene, run.n_steps
     found = list(trajectory.remarks)
-    if trajectory.every > 1:
-        found.append(
-            f"errors are measured on the stored points: every {trajectory.every}th, and the last"
-        )
-    if not (experiment.diagnostics.is_empty or isinstance(run.method, Method)):
-        found.append("no diagnostics: the method keeps no increments of its steps")
     if scene is not None:
         # only on the finest steps of a ladder
         if n_steps >= max(experiment.steps) and scene.forcing is not None:
@@ -220,11 +181,6 @@ def _remarks(
             found += scene.forcing.remarks(scene.final_time, scene.final_time * share)
         if prediction.verdict == "unstable":
             found.append(f"predicted unstable: {prediction.reason}")
-    if measured.floor("max", 1.0) > UNRELIABLE * measured.largest > 0:
-        found.append(
-            "reference: unreliable, its refined runs differ by too much of the motion (chaos, or a "
-            "motion too rough for them): the error is meaningless"
-        )
     return tuple(found)
 
 
