@@ -153,13 +153,8 @@ def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
 def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
     """Signed roots of the increase of chi-squared; for a linear model they are straight lines."""
     drawn = model.estimates[:MOST_PROFILES]
-    more = len(model.estimates) > MOST_PROFILES
-    words = (
-        r"$\Delta\chi^2$: increase of the misfit where the parameter $\theta$ below a panel "
-        r"is held off its best value $\hat\theta$"
-    )
-    if more:
-        words += f"; the first {MOST_PROFILES} of {len(model.estimates)} parameters"
+    count = len(model.estimates)
+    words = f"the first {MOST_PROFILES} of {count} parameters" if count > MOST_PROFILES else ""
     panels = [
         Panel(
             curves=_profile(one),

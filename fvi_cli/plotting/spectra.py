@@ -94,7 +94,6 @@ def spectrum_figure(tables: Sequence[ModeTable]) -> Figure:
                 curves=upper,
                 x=with_unit(growth, units, "rate"),
                 y=with_unit(frequency, units, "frequency"),
-                remark=rf"modes $v\, e^{{st}}${', numbered by $|s|$' if is_one else ''}",
                 height=2.3,
             ),
             Panel(

@@ -203,7 +203,6 @@ def test_every_member_of_a_sweep_for_a_tolerance_is_drawn(coefficients):
         ("problem.stiffness", "stiffness (N/m)"),
         ("problem.damping.0.moduli.1", "modulus 2 of the damping (N/m)"),
         ("problem.damping.0.times.0", "relaxation time 1 of the damping (s)"),
-        ("problem.law.relaxed@slow", "relaxed modulus of the law (N/m), slow"),
         ("problem.damping.0.coefficient", r"coefficient of the damping (N s$^\gamma$/m)"),
         ("problem.damping.0.order", r"order $\gamma$ of the damping"),
     ],

@@ -97,13 +97,7 @@ def section_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     return plane(
         [
             Panel(curves=above, x=swept, y=position, remark=f"points where {when}", height=2.1),
-            Panel(
-                curves=below,
-                x=position,
-                y=velocity,
-                remark="colours as in the panel above",
-                height=2.1,
-            ),
+            Panel(curves=below, x=position, y=velocity, height=2.1),
         ],
         bar=swept,
     )
@@ -167,9 +161,6 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             bar = swept_keys_in_words(experiment)
     else:
         having = [most_accurate(select_runs(finished, has_quantities))]
-    motions = [item.run.scene.prescribed for item in having]
-    has_kinks = any(motion is not None and len(motion.kinks) for motion in motions)
-    kinks = "corners: kinks of the given displacement" if has_kinks else ""
     panels = []
     for name in forces_of(experiment)[:MOST_COMPONENTS]:
         curves = []
@@ -190,7 +181,6 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
                 curves=curves,
                 x=with_unit("deformation", experiment.units, "length"),
                 y=with_unit(quantity_in_words(experiment, name), experiment.units, name, "force"),
-                remark=kinks,
                 height=2.4,
             )
         )
