@@ -56,7 +56,8 @@ def described(configuration: Configuration | StoredConfiguration, inputs: Inputs
     return {
         "config": configuration.text,
         "config_overrides": json.dumps(list(configuration.overrides)),
-        "resolved_config": canonical_json(extract_inputs(values, inputs)),
+        # the order of designs and quantities is that of the configuration
+        "resolved_config": json.dumps(extract_inputs(values, inputs)),
         RESOLVED: sha256(canonical_json(values)),
     }
 
@@ -76,7 +77,7 @@ def read_configuration(path: Path | str) -> StoredConfiguration:
         text, overrides, resolved, _ = (str(file.root[name]) for name in CONFIGURATION)
         values = insert_inputs(json.loads(resolved), file.read_input)
     return StoredConfiguration(
-        text=text, overrides=tuple(json.loads(overrides)), resolved=canonical_json(values)
+        text=text, overrides=tuple(json.loads(overrides)), resolved=json.dumps(values)
     )
 
 

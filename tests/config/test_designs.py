@@ -148,3 +148,9 @@ def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, mon
         if row["design"] != "bare":
             change = row["peak_drift"] / first[row["problem.masses.0"]] - 1
             assert row["peak_drift_change"] == pytest.approx(change, rel=1e-12)
+
+
+def test_designs_of_a_result_file_are_in_the_order_of_the_configuration(tmp_path):
+    api.run(parse_config(TEXT, "building.yaml"), output=tmp_path)
+    (again,) = api.recall(tmp_path / "building.h5")
+    assert [one.name for one in again.experiment.members] == NAMES

@@ -1,6 +1,5 @@
 """Result files: what goes in comes out, and other readers understand it."""
 
-import hashlib
 import json
 import socket
 import sys
@@ -30,6 +29,7 @@ from stored_runs import (
 import fvi_cli
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.storage import digests, list_runs, open_results, read_configuration, read_results
+from fvi_cli.storage.digests import canonical_json, sha256
 from fvi_cli.storage.groups import writing
 
 # --- what goes in comes out -----------------------------------------------------------------------
@@ -185,7 +185,7 @@ def test_the_root_says_where_the_file_comes_from(path):
     assert stored.overrides == ("a.b=1",)
     assert json.loads(stored.resolved) == configuration().resolved
     said = list_runs(path).provenance
-    digest = hashlib.sha256(stored.resolved.encode()).hexdigest()
+    digest = sha256(canonical_json(json.loads(stored.resolved)))
     assert said["resolved_config_sha256"] == digest
     assert said["format"] == "4"
     assert json.loads(said["packages"])["numpy"] == np.__version__
