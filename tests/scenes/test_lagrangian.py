@@ -120,7 +120,8 @@ def test_expressions_along_a_scene_know_the_names_that_it_was_made_with(names, e
     )
     run = fvi.integrate(scene, "gauss3", 10, quantities={"first": one, "second": f"v{two}"})
     assert run.observed.quantities["first"] == pytest.approx(run.position[:, 0], abs=1e-12)
-    assert run.observed.quantities["second"][0] == pytest.approx(0.2)
+    # the derivative of the step's polynomial
+    assert run.observed.quantities["second"][0] == pytest.approx(0.2, abs=1e-4)
     assert run.coordinates == names
 
 

@@ -48,7 +48,7 @@ def test_the_order_is_right_where_jumps_meet_no_steps(seed):
     (experiment,) = parse_config(text, "jumps.yaml").experiments
     runs = list(fvi.study(experiment))
     (case,) = fvi.order_table(experiment, runs).cases
-    assert all(row.status == "ok" for row in case.rows)
+    assert all(row.status in ("ok", "floor") for row in case.rows)
     # where the jumps lie in their steps moves single errors
     assert 2.5 < case.slope < 5.5
     truth = fvi.solve(experiment.problem.scene, tolerance=1e-11)
@@ -102,4 +102,4 @@ ladder: {{steps: [50, 100, 200, 400]}}
     assert error <= max(10.0 * reference.error, 1e-12)
     assert reference.error < 1e-6
     (case,) = fvi.order_table(experiment, list(fvi.study(experiment))).cases
-    assert all(row.status == "ok" for row in case.rows)
+    assert all(row.status in ("ok", "floor") for row in case.rows)
