@@ -36,11 +36,6 @@ class Decoupling:
         """Number q of systems."""
         return 1 if self.modes is None else int(self.mass.shape[0])
 
-    @property
-    def has_modes(self) -> bool:
-        """Whether the systems are modes that mix the components."""
-        return self.modes is not None and self.modes.ndim == 2
-
     def matrices(self, matrix: Array) -> Array:
         """A form of the scene (M, K or D) in the coordinates of the batch, ``(q, e, e)``."""
         if self.modes is None:

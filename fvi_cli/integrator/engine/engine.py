@@ -107,15 +107,6 @@ class Engine:
             stale=np.zeros(q, dtype=bool),
         )
 
-    def start_at(self, position: Array, momentum: Array) -> State:
-        """The state at t = 0 with other positions and momenta of the scenes, ``(S, d)``.
-
-        Derivatives still subtract the initial values of the scenes.
-        """
-        state = self.start()
-        state.x, state.p = self.member_positions(position), self.member_forces(momentum)
-        return state
-
     def add_loads(self, scene: int, loads: Array) -> None:
         """Add load vectors of the first steps of a scene, ``(n, s + 1, d)``, to its own."""
         self.loads_of[scene].add(loads)
@@ -175,24 +166,6 @@ class Engine:
         u = found.unknowns.reshape(*known.shape[:2], -1, self.e)
         impulse = self._nonlinear_impulse(op, found, count)
         return self._steps_from(op.frame, state, known, u, impulse, found.failed, found)
-
-    def solve_after(
-        self, state: State, h: float, past: Array, loads: Array | None, guess: Array
-    ) -> tuple[Array, Mask]:
-        """Inputs ``(q, i, e)`` of a step of every member, and which members have no solution.
-
-        `past` is the force of the past on the step, ``(q, m, e)``; nonlinear scenes need a `guess`
-        of U.
-        """
-        known = self._known(self.frame(h, 1), past, 1, loads)
-        if self.law.is_linear:
-            op = self.operator(h, 1)
-            u, failed = op.solve(state, known), op.singular
-        else:
-            op, points, rest = self._operators.of_step(state, h, guess)
-            found = Newton(self.law, self.damping, op, state, known).run(points, rest)
-            u, failed = found.unknowns, found.failed
-        return self._inputs(u.reshape(self.q, 1, -1, self.e)), failed
 
     def _past(self, frame: Frame, state: State, count: int) -> Array | None:
         """Force of the past on the first steps of a frame, ``(q, count m, e)``."""

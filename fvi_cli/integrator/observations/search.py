@@ -78,7 +78,6 @@ class Fall(NamedTuple):
     root: float
     top: float  # place of the last value above round-off before the root
     below: float  # place of the first value below minus round-off, after the root
-    value: float  # at `below`
 
 
 def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
@@ -91,11 +90,11 @@ def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
     first = int(low[0])
     high = np.flatnonzero(value[:first] > round_off)
     if not high.size:
-        return Fall(0.0, 0.0, float(place[first]), float(value[first]))
+        return Fall(0.0, 0.0, float(place[first]))
     last = int(high[-1])
     ends = [place[[last]], place[[first]], value[[last]], value[[first]]]
     root = bracketed_roots(along, step[:1], *ends)
-    return Fall(float(root[0]), float(place[last]), float(place[first]), float(value[first]))
+    return Fall(float(root[0]), float(place[last]), float(place[first]))
 
 
 def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list[Extent]:

@@ -2,11 +2,9 @@
 
 import numpy as np
 import pytest
-from letters import spring
 from oracles.volterra import VolterraSolution, solve_volterra
 from spread import few_of
 
-import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.observations import motion
 from fvi_cli.studies.experiment import FinishedRun
@@ -108,7 +106,7 @@ HARD = {
 
 
 def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the motion between points go wrong by a cubic that the momenta of a run would ask for."""
+    """Let the motion between the points go wrong by a cubic."""
     position = motion.DenseMotion.position
 
     def wrong(self, steps, tau):
@@ -128,46 +126,3 @@ def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
     found, known = run_for_tolerance(search), truth(data)
     assert found.error == pytest.approx(largest_error(found, known), rel=1e-3)
     assert found.error > 1e-6
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize(
-    ("derivative", "method", "order"),
-    [
-        ("caputo", "gauss3-graded", 0.4),
-        ("caputo", "gauss5-graded", 1.0),
-        ("caputo", "gauss2-graded", 1.95),
-        ("riemann-liouville", "gauss5-graded", 0.7),
-        ("riemann-liouville", "gauss2-graded", 1.3),
-        ("riemann-liouville", "gauss3-graded", 1.75),
-        ("riemann-liouville", "gauss5-graded", 1.95),
-    ],
-)
-def test_runs_by_ladder_are_as_good_between_points_as_at_them(derivative, method, order):
-    start = {"x": 0.0 if derivative != "caputo" else 0.7, "v": 1.0}
-    scene = spring((order, 0.4), T=2.0, m=1.0, k=1.0, derivative=derivative, **start)
-    known = solve_volterra(
-        1.0,
-        [(order, 0.4)],
-        lambda x: x,
-        lambda x: np.ones((len(x), 1, 1)),
-        None,
-        scene.initial_position,
-        scene.initial_velocity,
-        2.0,
-        derivative=derivative,
-    )
-    on_mesh = fvi.integrate(scene, method, 48)
-    times = np.random.default_rng(3).uniform(0.1, 2.0, 60)
-    times.sort()
-    seen = fvi.integrate(scene, method, 48, output=times, quantities={"v": "vx", "a": "ax"})
-    off = np.abs(on_mesh.position - known.position(on_mesh.time)).max() + known.error.max()
-    assert np.abs(seen.position - known.position(times)).max() < 3 * off + 1e-12
-    speed = np.abs(seen.observed.quantities["v"] - known.velocity(times)[:, 0]).max()
-    assert speed < 1e-6 + 100 * off
-    # the acceleration is that of the motion
-    step = 1e-3
-    before, after = (known.velocity(times + shift)[:, 0] for shift in (-step, step))
-    inside = times < 2.0 - step
-    slope = (after - before) / (2 * step)
-    assert np.abs(seen.observed.quantities["a"] - slope)[inside].max() < 2e-4
