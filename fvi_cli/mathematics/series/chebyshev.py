@@ -54,7 +54,8 @@ def roots_of_series(coefficients: Array) -> tuple[Places, Array]:
     """Real roots in (-1, 1) of series ``(n, K)``: the number of each root's series, and the roots.
 
     They are eigenvalues of the colleague matrix, in the symmetric scaling of NumPy's
-    ``chebcompanion``; nearly double roots leave the real axis by the root of round-off.
+    ``chebcompanion``; nearly double roots leave the real axis by the root of round-off. A last
+    coefficient that is round-off moves them, so two steps of Newton follow.
     """
     size = np.abs(coefficients)
     counted = size > 1e-14 * size.max(axis=1, keepdims=True, initial=0.0)
@@ -73,7 +74,15 @@ def roots_of_series(coefficients: Array) -> tuple[Places, Array]:
         factor = 0.5 if degree > 1 else 1.0
         matrix[:, :, -1] -= factor * series[:, :-1] / series[:, -1:] * (scale / scale[-1])
         values = np.linalg.eigvals(matrix)
-        kept = (np.abs(values.imag) < 1e-4) & (np.abs(values.real) < 1.0)
-        owners.append(np.repeat(own, degree).reshape(values.shape)[kept])
-        roots.append(values.real[kept])
+        near = (np.abs(values.imag) < 1e-4) & (np.abs(values.real) < 1.1)
+        which, found = np.nonzero(near)[0], values.real[near]
+        columns = series[which].T
+        slopes = chebyshev.chebder(columns)
+        for _ in range(2):
+            rate = chebyshev.chebval(found, slopes, tensor=False)
+            step = chebyshev.chebval(found, columns, tensor=False) / np.where(rate, rate, np.inf)
+            found = found - np.clip(step, -0.1, 0.1)
+        kept = np.abs(found) < 1.0
+        owners.append(own[which[kept]])
+        roots.append(found[kept])
     return np.concatenate(owners), np.concatenate(roots)
