@@ -92,14 +92,6 @@ def test_results_are_reused_recalled_and_exported(tmp_path):
     assert len(written) == 4
 
 
-def test_what_would_be_done_is_told(tmp_path):
-    assert {plan.reason for plan in fvi.plan(CONFIG, output=tmp_path)} == {"new"}
-    fvi.run(CONFIG, output=tmp_path)
-    plans = fvi.plan({**CONFIG, "ladder": {"steps": [4, 8, 64]}}, output=tmp_path)
-    assert [plan.action for plan in plans] == ["reuse", "reuse", "compute"]
-    assert fvi.as_text(plans).count("\n") == 3
-
-
 def test_a_result_file_tells_what_it_holds(tmp_path):
     fvi.run(CONFIG, output=tmp_path)
     stored = fvi.contents(tmp_path / "free.h5")

@@ -7,7 +7,7 @@ command             call
 =================== ===========================================================================
 ``fvi check``       :func:`load`
 ``fvi list``        :func:`shipped_titles`
-``fvi run``         :func:`run`; ``--dry-run``: :func:`plan`
+``fvi run``         :func:`run`
 ``fvi show``        :func:`contents`, :func:`configuration`; every run: :func:`recall`
 ``fvi convergence`` :func:`order_tables` of what :func:`run` or :func:`recall` gives
 ``fvi plot``        :func:`figures` of the same

@@ -57,8 +57,6 @@ from fvi_cli.runner.fits.fit import fit as fit
 from fvi_cli.runner.integrate_scene import integrate as integrate
 from fvi_cli.runner.outcome import Outcome as Outcome
 from fvi_cli.runner.parts.merge import merge_files as merge_files
-from fvi_cli.runner.plan import PlannedRun as PlannedRun
-from fvi_cli.runner.plan import plan as plan
 from fvi_cli.runner.request import load as load
 from fvi_cli.runner.stability import stability as stability
 from fvi_cli.runner.vibration import modes as modes

@@ -110,8 +110,7 @@ class Call:
         from fvi_cli.render.plans import plans_as_text
         from fvi_cli.runner.plan import plan
 
-        # commands that store no runs do not use stored ones either
-        options = self.options_of(plan) | {"fresh": self.fresh or not self.stores_runs}
+        options = self.options_of(plan)
         plans = [one for request in self.requests for one in plan(request, **options)]
         print(plans_as_json(plans) if self.json else plans_as_text(plans))
         return DONE

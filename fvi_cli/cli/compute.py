@@ -85,9 +85,10 @@ def stability(
 ) -> int:
     """Predict the stability of every method over steps and parameters."""
     from fvi_cli.runner.stability import stability as study
+    from fvi_cli.runner.stability import stability_tasks
 
     call.gather(configs)
-    return call.each(study)
+    return call.each(study, tasks=stability_tasks)
 
 
 @command(

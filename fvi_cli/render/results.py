@@ -12,7 +12,6 @@ from fvi_cli import reports
 from fvi_cli.errors import RequestError
 from fvi_cli.render.figures import write_figures
 from fvi_cli.render.json import fit_as_json, run_as_json
-from fvi_cli.render.plans import plans_as_text
 from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.cost import cost_report
@@ -23,7 +22,6 @@ from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.kinds.vibration import mode_report, response_report
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
-from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.storage import StoredFile
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -39,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Table: TypeAlias = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | ResponseTable
-Result: TypeAlias = Outcome | PlannedRun | Table | Report | StoredFile
+Result: TypeAlias = Outcome | Table | Report | StoredFile
 Results: TypeAlias = Result | Sequence[Result]
 Found: TypeAlias = Sequence[Any]
 """Results of one kind."""
@@ -94,7 +92,6 @@ KINDS: Mapping[type, ResultKind] = {
         key="runs",
         values=lambda outcome: [run_as_json(one) for one in outcome.finished],
     ),
-    PlannedRun: ResultKind(text=plans_as_text, is_written=False, is_compared=False),
     StoredFile: ResultKind(
         text=lambda found: contents_as_text(found[0]), is_written=False, is_compared=False
     ),
@@ -173,7 +170,7 @@ def report_on(results: Results, name: str | None = None) -> Report:
     """The report on results of one kind; for outcomes the report on orders."""
     kind, found = result_kind(results)
     if kind.report is None:
-        raise RequestError("plans and contents of result files have no report")
+        raise RequestError("contents of result files have no report")
     return kind.report(name or _only_name(found), found)
 
 
@@ -221,13 +218,13 @@ def write(
     Raises
     ------
     RequestError
-        If there is more than one experiment and no name, or for plans, which are not kept.
+        If there is more than one experiment and no name.
     StorageError
         If the folder or a file cannot be written.
     """
     kind, found = result_kind(results)
     if not kind.is_written:
-        raise RequestError("plans and what a result file holds are not written")
+        raise RequestError("what a result file holds is not written")
     folder, title = Path(output), name or _only_name(found)
     drawn = kind.figures(title, found) if kind.figures else {}
     paths = reports.write(folder / "tables", report_on(results, title))
@@ -241,12 +238,12 @@ def compare(results: Results, output: Path | str, *, name: str | None = None) ->
     Raises
     ------
     RequestError
-        If there is more than one experiment and no name, or for costs, plans and what a file holds.
+        If there is more than one experiment and no name, or for costs and what a file holds.
     """
     kind, found = result_kind(results)
     if not kind.is_compared:
         raise RequestError(
-            "costs cannot be compared, as times differ from run to run, nor plans and what a "
+            "costs cannot be compared, as times differ from run to run, nor what a "
             "result file holds"
         )
     title = name or _only_name(found)
@@ -259,8 +256,7 @@ def _only_name(found: Found) -> str:
     for one in found:
         if isinstance(one, Report):
             return ""
-        owner: Any = one.run if isinstance(one, PlannedRun) else one
-        experiment = getattr(owner, "experiment", owner)
+        experiment: Any = getattr(one, "experiment", one)
         names.add(experiment if isinstance(experiment, str) else experiment.name)
     if len(names) != 1:
         raise RequestError(

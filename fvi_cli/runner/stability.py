@@ -5,9 +5,10 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.errors import RequestError
+from fvi_cli.integrator.method_names import method_name
 from fvi_cli.runner.executors.jobs import describe_crash
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Source, requested
+from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.studies.stability_study import (
     StabilityTable,
@@ -33,6 +34,20 @@ def stability(source: Source, *, progress: bool = False) -> list[StabilityTable]
     """
     request = requested(source)
     return [_study(one, show_progress=progress) for one in request.loaded.experiments]
+
+
+def stability_tasks(request: Request) -> list[Task]:
+    """A task for every method whose stability would be predicted, with its numbers of steps."""
+    return [
+        Task(
+            experiment=experiment.name,
+            action=f"predict {method_name(method)}",
+            of=f"N = {', '.join(map(str, experiment.steps))}"
+            + (f" for {len(experiment.members)} members" if experiment.members else ""),
+        )
+        for experiment in request.loaded.experiments
+        for method in experiment.methods
+    ]
 
 
 def _study(experiment: Experiment, *, show_progress: bool) -> StabilityTable:

@@ -8,8 +8,8 @@ import pytest
 from command_line import fvi as command
 from spread import spread
 
-import fvi_cli as fvi
 from fvi_cli.config import shipped_configs
+from fvi_cli.runner.plan import plan
 
 DOCS = Path(__file__).parents[2] / "docs" / "reference" / "python.md"
 QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")
@@ -89,8 +89,8 @@ LONG_PLANS = ("full-order", "ensemble", "response-spectrum")
 )
 def test_every_shipped_configuration_can_be_run(name, tmp_path):
     """None is refused, though some are predicted to blow up."""
-    for plan in fvi.plan(name, output=tmp_path):
-        assert plan.action in ("compute", "try first", "candidate")
+    for one in plan(name, output=tmp_path):
+        assert one.action in ("compute", "try first", "candidate")
 
 
 def test_stability_regions_runs_though_most_of_it_blows_up(tmp_path):

@@ -12,6 +12,7 @@ from command_line import configuration
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
+from fvi_cli.runner.plan import plan
 from fvi_cli.storage import list_runs, open_results, read_configuration, read_results
 from fvi_cli.storage.records import fields, runs
 from fvi_cli.storage.records.fields import FIELDS, Field
@@ -84,7 +85,7 @@ def test_another_norm_computes_nothing_and_gives_what_it_would_have_given(tmp_pa
     other = parse_config(text, "small.yaml", overrides=[f"report.norm={norm}"])
     (fresh,) = api.run(other, output=tmp_path / "fresh")
     (usual,) = api.run(parse_config(text, "small.yaml"), output=tmp_path)
-    assert {one.action for one in api.plan(other, output=tmp_path)} == {"reuse"}
+    assert {one.action for one in plan(other, output=tmp_path)} == {"reuse"}
     (again,) = api.run(other, output=tmp_path)
     names = ("error", "floor", "status", "expected_order", "reference", "measured")
     for one, same, before in zip(fresh.finished, again.finished, usual.finished, strict=True):
