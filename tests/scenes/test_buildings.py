@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 import scipy.linalg
+from scipy.sparse import csr_array, diags_array
 
 import fvi_cli as fvi
 from fvi_cli.effects.matrices import dense
 from fvi_cli.scenes.registry import build_problem, build_scene
+from fvi_cli.scenes.structures.rayleigh import Rayleigh
 
 RNG = np.random.default_rng(290)
 LAWS = (
@@ -130,3 +132,17 @@ def test_rayleigh_damping_of_sparse_matrices_is_that_of_dense_ones():
     a, b = np.linalg.solve(system, [0.02, 0.03])
     expected = a * np.eye(storeys) + b * shear(stiffnesses)
     assert np.abs(dense(term.form) - expected).max() < 1e-9 * np.abs(expected).max()
+
+
+def test_modes_of_a_large_free_structure_are_no_base_of_ratios():
+    n = 500
+    free = diags_array(
+        [-np.ones(n - 1), np.r_[1.0, 2 * np.ones(n - 2), 1.0], -np.ones(n - 1)], offsets=[-1, 0, 1]
+    )
+    with pytest.raises(ValueError, match="two different ones above 0 are needed"):
+        fvi.structure(
+            mass=csr_array(diags_array(np.ones(n))),
+            stiffness=csr_array(free),
+            rayleigh=Rayleigh(ratios=[0.02, 0.05]),
+            final_time=1.0,
+        )

@@ -113,13 +113,19 @@ def _factors(
 def natural_frequencies(mass: Form, stiffness: Form, count: int) -> Array:
     """The lowest angular frequencies of M and K, shape ``(count,)`` or more."""
     size = mass.shape[0]
+    k, m = as_csc(stiffness), as_csc(mass)
+    scale = float(k.diagonal().sum() / m.diagonal().sum())
     if size <= LARGEST_DENSE or count > size - 2:
         root = np.linalg.cholesky(dense(mass))
         reduced = np.linalg.solve(root, np.linalg.solve(root, dense(stiffness)).T)
-        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(0.5 * (reduced + reduced.T)), 0.0)))
-    from scipy.sparse.linalg import eigsh
+        squares = np.linalg.eigvalsh(0.5 * (reduced + reduced.T))
+    else:
+        from scipy.sparse.linalg import eigsh
 
-    squares = eigsh(
-        as_csc(stiffness), k=count, M=as_csc(mass), sigma=0.0, return_eigenvectors=False
-    )
-    return np.asarray(np.sqrt(np.maximum(np.sort(squares), 0.0)))
+        # below 0, since the stiffness of a free structure is singular; one start for every run
+        start = np.random.default_rng(1).standard_normal(size)
+        squares = np.sort(
+            eigsh(k, k=count, M=m, sigma=-1e-9 * scale, v0=start, return_eigenvectors=False)
+        )
+    # what is round-off of 0 is 0
+    return np.asarray(np.sqrt(np.where(squares > 1e-13 * scale, squares, 0.0)))
