@@ -1,7 +1,7 @@
 """What accuracy costs: error, time and work of every method on every number of steps.
 
 Everything is measured in this process, one run after the other. The caches of the package (rules,
-tableaux, expansions) are emptied before every timed run, so that its time is that of a first run
+tableaux) are emptied before every timed run, so that its time is that of a first run
 without the import of modules, since every run is computed once before.
 """
 

@@ -1,1 +1,1 @@
-"""Power series with real exponents, and sums of powers."""
+"""Chebyshev series."""
