@@ -38,7 +38,7 @@ START_POWER = 0.5
 tests/integrator/run/test_prescribed_run.py."""
 BEHIND_KINKS = 1e-6
 """Steps are graded for tolerances below this, relative to the range of the displacement: with equal
-steps of eight stages the force one step after a kink has errors of up to 3e-5, measured there too.
+steps of eight stages the force behind a kink has errors of some 1e-4, measured there too.
 Fits compare coarse runs with fine ones."""
 FEWEST, MOST = 64, 2**14
 """Fewest and most steps with which the polynomials of a displacement are resolved."""

@@ -16,7 +16,7 @@ divided, for as many workers. Larger packs gain little, and an interruption lose
 
 
 FOR_OBSERVATIONS = 4
-"""Factor in memory for a member whose steps are kept, with those of a second run."""
+"""Factor in memory for a member whose steps are kept, with the series of their polynomials."""
 
 
 def batches_of(runs: Sequence[Run]) -> list[tuple[Run, ...]]:

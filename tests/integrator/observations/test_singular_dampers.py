@@ -56,3 +56,23 @@ def test_momenta_and_energies_behind_an_adaptive_start(order):
     rate, place = (exact(order, power, run.time[1:4]) for power in (1, 0))
     assert run.momentum[1:4, 0] == pytest.approx(rate, abs=2e-3)
     assert run.energy[1:4] == pytest.approx(0.5 * rate**2 + 0.5 * place**2, abs=2e-3)
+
+
+@pytest.mark.parametrize("quantity", ["ax", "dx", "force_1"])
+def test_gradients_of_forces_below_order_1(quantity):
+    """Riemann-Liouville of an initial position: the loads change with every parameter."""
+    values = {"order": 0.6, "size": 0.5, "x": 1.0, "v": 0.3}
+
+    def scene(order=0.6, size=0.5, x=1.0, v=0.3):
+        return spring((order, size), T=3.0, x=x, v=v, derivative="riemann-liouville")
+
+    def value(**changed):
+        own = scene(**{**values, **changed})
+        run = fvi.integrate(own, "gauss4", 60, output=[1.73], quantities={"q": quantity})
+        return run.observed.quantities["q"][0]
+
+    found = fvi.gradient(scene, "gauss4", 60, fvi.quantity_at(quantity, 1.73), values)
+    assert found.value == pytest.approx(value(), abs=1e-12)
+    for name, at in values.items():
+        slope = (value(**{name: at + 1e-5}) - value(**{name: at - 1e-5})) / 2e-5
+        assert found.derivatives[name] == pytest.approx(slope, abs=1e-7), name
