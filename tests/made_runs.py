@@ -86,7 +86,6 @@ def row(n_steps: int, error: float, **changes: Any) -> OrderRow:
         error=error,
         floor=1e-13,
         status="ok" if math.isfinite(error) else "diverged",
-        predicted="unknown",
         expected_order=2.0,
     )
     return dataclasses.replace(made, **changes)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import itertools
 import json
 import math
 from collections.abc import Iterable, Mapping
@@ -16,19 +15,12 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, method_columns
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.scenes.registry import build_scene
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Predicted
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.members import Member, with_values
 from fvi_cli.studies.norms import Norm
 
 WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
 """Endings of problem keys whose values do not change the orders of the damping."""
-
-LEAST_SPAN, SAME_ORDER = 2, 0.5
-"""A ladder that round-off cuts short has an order if its errors span this factor in N; otherwise if
-its slope and the order of its two finest rows differ by no more than the second number."""
-
-NEAR_FLOOR = 1000.0
-"""Errors within this factor of their floor are partly round-off and differ between machines."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +34,6 @@ class OrderRow:
     floor: float
     """Errors below are round-off or the reference's own."""
     status: Observed
-    predicted: Predicted
     expected_order: float
     seconds: float = math.nan
     """Time of the steps."""
@@ -52,14 +43,9 @@ class OrderRow:
     """Events of the run and warnings, in words."""
 
     @property
-    def is_near_floor(self) -> bool:
-        """Whether the error is within :data:`NEAR_FLOOR` times the floor; so are those below it."""
-        return self.error <= NEAR_FLOOR * self.floor
-
-    @property
     def used_in_fit(self) -> bool:
-        """Whether the slope uses it: status ``ok``, and an error that is not near the floor."""
-        return self.status == "ok" and 0 < self.error < math.inf and not self.is_near_floor
+        """Whether the slope uses it: status ``ok``, and an error above the floor."""
+        return self.status == "ok" and 0 < self.error < math.inf and not self.error <= self.floor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,40 +66,12 @@ class OrderCase:
     def pairwise_order(self, index: int) -> float:
         """log(e_previous / e) / log(N / N_previous) of a row.
 
-        Nan for the first row, after rows without an error, and where an error is near the floor.
+        Nan for the first row, and where one of the two is not used.
         """
         before, row = self.rows[max(index - 1, 0)], self.rows[index]
-        if before.is_near_floor or row.is_near_floor:
+        if not (before.used_in_fit and row.used_in_fit):
             return math.nan
         return pairwise_order(before.error, row.error, before.n_steps, row.n_steps)
-
-    @property
-    def has_order(self) -> bool:
-        """Whether the errors that are used determine an order.
-
-        Where the errors of finer rows are near round-off, the remaining rows must span a factor of
-        two in N, or lie on a line.
-        """
-        used = [row.n_steps for row in self.rows if row.used_in_fit]
-        if len(used) < 2 or used[-1] >= LEAST_SPAN * used[0]:
-            return len(used) > 1
-        is_straight = len(used) > 2 and abs(self.slope - self.last_order) <= SAME_ORDER
-        return is_straight or not any(row.is_near_floor for row in self.rows)
-
-    @property
-    def last_pair(self) -> int | None:
-        """Index of the finer of the last two neighbouring rows that are used, or None."""
-        pairs = [
-            index
-            for index, (before, row) in enumerate(itertools.pairwise(self.rows), start=1)
-            if before.used_in_fit and row.used_in_fit
-        ]
-        return pairs[-1] if pairs else None
-
-    @property
-    def last_order(self) -> float:
-        """Pairwise order of the rows of :attr:`last_pair`; nan if there are none."""
-        return math.nan if self.last_pair is None else self.pairwise_order(self.last_pair)
 
     @property
     def expected_order(self) -> float:
@@ -205,7 +163,6 @@ def _row(finished: FinishedRun) -> OrderRow:
         error=finished.error,
         floor=finished.floor,
         status=finished.status,
-        predicted=finished.predicted,
         expected_order=finished.expected_order,
         seconds=finished.trajectory.stepping_seconds,
         history_operations=finished.trajectory.history_operations,

@@ -57,7 +57,7 @@ def misses(tables):
         (table.title, case.method.case)
         for table in tables
         for case in table.cases
-        if not abs(case.last_order - 2 * case.method.degree) <= 0.1
+        if not abs(case.pairwise_order(len(case.rows) - 1) - 2 * case.method.degree) <= 0.1
     ]
 
 

@@ -78,7 +78,6 @@ ENTRIES = {
     "one, diverged": [row(2, math.nan)],
     "no error": [row(2, 0.0)],
     "no floor": [row(2, 0.1, status="floor", floor=0.0)],
-    "predicted unstable": [row(2, 0.25), row(4, 0.0625, predicted="unstable")],
 }
 PAGES: dict[str, Sequence[OrderTable]] = {
     "small": [SMALL],

@@ -52,7 +52,6 @@ def test_slope_of_a_pure_power_is_its_order(order):
     runs = made_up([0.3 * 2.0 ** (-order * j) for j in range(5)])
     (case,) = order_table(runs[0].run.experiment, runs).cases
     assert case.slope == pytest.approx(order, abs=1e-12)
-    assert case.last_order == pytest.approx(order, abs=1e-12)
     pairs = [case.pairwise_order(index) for index in range(len(case.rows))]
     assert math.isnan(pairs[0])
     assert pairs[1:] == pytest.approx([order] * 4, abs=1e-12)
@@ -73,7 +72,7 @@ def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped():
     assert [row.used_in_fit for row in case.rows] == [s == "ok" for s in statuses]
     assert case.slope == pytest.approx(2, abs=1e-12)
     # no two of the used rows are neighbours
-    assert math.isnan(case.last_order)
+    assert all(math.isnan(case.pairwise_order(index)) for index in range(len(runs)))
 
 
 def test_too_few_rows_have_no_slope():
@@ -198,30 +197,3 @@ def test_errors_below_that_of_the_reference_are_at_its_floor(error, is_poor):
     )
     finished = assessed(run, (trajectory, trajectory), prediction_of(run), reference)
     assert finished.status == ("floor" if is_poor else "ok")
-
-
-@pytest.mark.parametrize(
-    ("steps", "errors", "says"),
-    [
-        # beside round-off, over less than a factor of two: on a line, and not
-        ((12, 14, 16, 64), (12**-8.0, 14**-8.0, 16**-8.0, 1e-15), True),
-        ((6, 7, 8, 64), (5e-9, 4e-9, 6e-11, 1e-15), False),
-        ((6, 7, 64, 128), (5e-9, 4e-9, 1e-15, 1e-15), False),
-        # over more, whatever they do; and where nothing ends the ladder
-        ((6, 7, 12, 64), (5e-9, 4e-9, 6e-11, 1e-15), True),
-        ((6, 7, 8), (5e-9, 4e-9, 6e-11), True),
-        ((6, 64, 128), (5e-9, 1e-15, 1e-15), False),
-    ],
-)
-@pytest.mark.parametrize("scale", [1e-6, 1.0, 1e5])
-def test_an_order_beside_round_off_lies_on_a_line(steps, errors, says, scale):
-    own = experiment(steps)
-    trajectory = Trajectory(time=np.zeros(1), position=np.zeros((1, 1)), n_steps=4, step_size=0.25)
-    runs = [
-        FinishedRun(
-            run=run, trajectory=trajectory, error=scale * e, floor=scale * 1e-14, status="ok"
-        )
-        for run, e in zip(own.runs(), errors, strict=True)
-    ]
-    (case,) = order_table(own, runs).cases
-    assert case.has_order == says

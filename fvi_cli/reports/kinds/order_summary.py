@@ -135,11 +135,11 @@ def _ladder(table: OrderTable) -> str:
 
 def order_entry(case: OrderCase) -> str:
     """The slope; without one the only error, or what became of the runs."""
-    if case.has_order:
+    if math.isfinite(case.slope):
         return f"{case.slope:.2f}"
     if len(case.rows) == 1 and math.isfinite(case.rows[0].error):
         return f"error {case.rows[0].error:.1e}"
     lost = [row.status for row in case.rows if row.status not in ("ok", "floor")]
     if lost:
         return lost[0]
-    return "floor" if any(row.is_near_floor for row in case.rows) else "-"
+    return "floor" if case.rows else "-"

@@ -76,10 +76,9 @@ class _Spread:
         errors = [(case.rows[-1].error, table) for table, case in self.found]
         return [one for one in errors if math.isfinite(one[0])]
 
-    def of(self, name: str, measure: Callable[[Sequence[float]], float]) -> float:
-        """A measure (e.g. the least) of the order `name` over all members that have one."""
-        values = [getattr(case, name) for _, case in self.found if case.has_order]
-        values = [value for value in values if math.isfinite(value)]
+    def slope(self, measure: Callable[[Sequence[float]], float]) -> float:
+        """A measure (e.g. the least) of the slopes of all members that have one."""
+        values = [case.slope for _, case in self.found if math.isfinite(case.slope)]
         return measure(values) if values else math.nan
 
     @property
@@ -88,22 +87,17 @@ class _Spread:
         return max(self.finest, key=lambda one: one[0], default=(math.nan, None))
 
 
-def _order_columns(name: str, title: str) -> list[Column]:
-    measures: dict[str, Callable[[Sequence[float]], float]] = {
-        f"{title}: least": min,
-        "median": statistics.median,
-        "greatest": max,
-    }
-    return [
-        Column(name, title=words, form=".2f", get=partial(_Spread.of, name=name, measure=measure))
-        for words, measure in measures.items()
-    ]
-
-
+_MEASURES: dict[str, Callable[[Sequence[float]], float]] = {
+    "slope: least": min,
+    "median": statistics.median,
+    "greatest": max,
+}
 _SPREAD_COLUMNS = (
     Column("label", title="method"),
-    *_order_columns("slope", "slope"),
-    *_order_columns("last_order", "finest order"),
+    *(
+        Column("slope", title=words, form=".2f", get=partial(_Spread.slope, measure=measure))
+        for words, measure in _MEASURES.items()
+    ),
     Column(
         "median",
         title="finest error: median",

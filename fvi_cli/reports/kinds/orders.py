@@ -28,17 +28,13 @@ from fvi_cli.reports.table import (
     pivot,
     within,
 )
-from fvi_cli.studies.order import NEAR_FLOOR, OrderCase, OrderTable
+from fvi_cli.studies.order import OrderCase, OrderTable
 
 ERROR = Within(relative=1e-3)
 """Tolerance for reliable errors."""
 
-RELIABLE = 2 * NEAR_FLOOR
-"""Errors above this many floors are equal on every machine.
-
-It is twice the limit below which no order uses a row, so that on another machine an error near
-that limit may lie on the other side.
-"""
+RELIABLE = 2000.0
+"""Errors above this many floors are equal on every machine."""
 
 _EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment")
 COLUMNS = (
@@ -189,7 +185,7 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
     )
     sizes = {n: size for n, size, _, _ in reversed(cells)}
     below: list[tuple[str, Callable[[OrderCase], str]]] = [
-        ("slope", lambda case: f"{case.slope:.2f}" if case.has_order else "-"),
+        ("slope", lambda case: number(case.slope, ".2f")),
         ("on smooth data", lambda case: number(case.expected_order, ".3g")),
         ("stated", lambda case: number(case.claim, "g")),
     ]
@@ -217,12 +213,12 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
 def _entries(case: OrderCase, k: int) -> list[str]:
     """The measured error, in parentheses where the slope does not use it, and the order."""
     row = case.rows[k]
-    both = k > 0 and case.has_order and row.used_in_fit and case.rows[k - 1].used_in_fit
     error = row.status if math.isnan(row.error) else f"{row.error:.2e}"
     if row.status == "diverged":
         error = row.status
     is_marked = not row.used_in_fit and error != row.status
-    return [f"({error})" if is_marked else error, f"{case.pairwise_order(k):.2f}" if both else ""]
+    order = number(case.pairwise_order(k), ".2f", "")
+    return [f"({error})" if is_marked else error, order]
 
 
 def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
