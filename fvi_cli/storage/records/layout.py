@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from fvi_cli.storage.digests import SOLVER_VERSION, sha256
 from fvi_cli.storage.records.fields import field_named
@@ -53,10 +53,10 @@ def layout_of(
     found: dict[str, list[Entry]] = {}
     variants: dict[str, str] = {}
 
-    def put(one: Entry, paths: Iterable[str]) -> None:
-        for path in paths:
+    def put(one: Entry, preferred: str) -> None:
+        is_shared = one.kind.swept and not one.kind.has_own_times
+        for path in _numbered(preferred):
             held = found.get(path, [])
-            is_shared = one.kind.swept and not one.kind.has_own_times
             if not held or (is_shared and held[0].kind.group_key == one.kind.group_key):
                 found.setdefault(path, []).append(one)
                 return
@@ -69,7 +69,7 @@ def layout_of(
             if (path, identity) in descriptions:
                 entry = entry.described(descriptions[path, identity])
             variants[path.split("/")[1]] = entry.kind.variant
-            put(entry, _from(path, entry.kind))
+            put(entry, path)
         taken |= numbers.keys()
     for identity, entry in entries.items():
         if identity in taken or entry.is_reference:
@@ -77,35 +77,20 @@ def layout_of(
         kind = entry.kind
         variant = variants.get(kind.experiment)
         is_own = entry.is_of_configuration if variant is None else variant == kind.variant
-        put(entry, _from(kind.path, kind) if is_own else _neighbours(kind))
+        put(entry, kind.path if is_own else _beside(kind))
     # sorted, so that the order does not depend on which run was computed first
     for entry in sorted(entries.values(), key=lambda one: one.identity):
         if entry.is_reference and entry.attributes()["solver_version"] == SOLVER_VERSION:
-            put(entry, _numbered(entry.kind.path))
+            put(entry, entry.kind.path)
     return found
 
 
-def _from(path: str, kind: GroupKind) -> Iterator[str]:
-    """Possible paths of a requested run, in the order of preference."""
-    if kind.has_own_times:
-        yield from _numbered(path)
-    yield path
-    yield from _neighbours(kind)
-
-
-def _neighbours(kind: GroupKind) -> Iterator[str]:
-    """Possible paths of a run with other values; runs of all methods share the first."""
-    what = [kind.variant, repr(kind.group_key)]
-    paths = [
-        group_path(f"{kind.experiment}{VARIANT_MARK}{sha256(one)[:8]}", kind.case, kind.n_steps)
-        for one in what
-    ]
-    if kind.has_own_times:
-        yield from _numbered(paths[0])
-    yield paths[0]
-    yield from _numbered(paths[1])
+def _beside(kind: GroupKind) -> str:
+    """The path of a run with other values; runs of all methods share the experiment."""
+    name = f"{kind.experiment}{VARIANT_MARK}{sha256(kind.variant)[:8]}"
+    return group_path(name, kind.case, kind.n_steps)
 
 
 def _numbered(path: str) -> Iterator[str]:
-    """A path, then the same with numbers: members with times of their own share no group."""
+    """A path, then the same with numbers, for runs that cannot share its group."""
     return itertools.chain([path], (f"{path}-{number}" for number in itertools.count(2)))
