@@ -13,8 +13,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
-PROBED: Final = (np.arange(64) + 0.5) / 64
-"""Times at which forces are probed, as shares of T."""
 LOOSE: Final = 30.0
 POWER: Final = 1.3
 """A local tolerance e gives a run with an error below e^1.3 / 30, both relative to the motion."""
@@ -76,7 +74,7 @@ def likely_amplitude(scene: Scene) -> float:
     found = max(found, time * float(np.abs(scene.initial_velocity).max()))
     if scene.forcing is not None:
         with np.errstate(all="ignore"):
-            forces = scene.forcing(scene.final_time * PROBED)
+            forces = scene.forcing(scene.final_time * PROBED_FRACTIONS)
             forces = np.where(np.isfinite(forces), forces, 0.0)
             pushed = np.abs(scene.inertia.velocity(forces)).max(initial=0.0)
         found = max(found, time**2 * float(pushed))
