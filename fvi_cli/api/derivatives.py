@@ -83,8 +83,7 @@ def gradient(
     quantity
         The number to differentiate: :func:`fvi_cli.position_at`, :func:`fvi_cli.velocity_at`,
         :func:`fvi_cli.acceleration_at`, :func:`fvi_cli.quantity_at` for an expression or a quantity
-        of the experiment, :func:`fvi_cli.smoothed_peak`, :func:`fvi_cli.misfit`, or a
-        :class:`fvi_cli.Quantity` of your own. Expressions may contain the parameters.
+        of the experiment, or :func:`fvi_cli.misfit`. Expressions may contain the parameters.
     parameters
         For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
@@ -109,8 +108,7 @@ def gradient(
         raise ArgumentError(
             "quantity",
             f"{excerpt(repr(quantity))} is none; write fvi.position_at(time), "
-            "fvi.quantity_at(expression, time), fvi.smoothed_peak(expression, times), or for a "
-            "function of your own fvi.Quantity(times=..., value=function)",
+            "fvi.quantity_at(expression, time) or fvi.misfit(times, data)",
         )
     chosen = method_on(method, steps)
     if not isinstance(chosen, Method):

@@ -25,12 +25,10 @@ from fvi_cli.errors import ConfigError as ConfigError
 from fvi_cli.errors import FviError as FviError
 from fvi_cli.errors import RequestError as RequestError
 from fvi_cli.errors import StorageError as StorageError
-from fvi_cli.integrator.gradients.quantity import Quantity as Quantity
 from fvi_cli.integrator.gradients.quantity import acceleration_at as acceleration_at
 from fvi_cli.integrator.gradients.quantity import misfit as misfit
 from fvi_cli.integrator.gradients.quantity import position_at as position_at
 from fvi_cli.integrator.gradients.quantity import quantity_at as quantity_at
-from fvi_cli.integrator.gradients.quantity import smoothed_peak as smoothed_peak
 from fvi_cli.integrator.gradients.quantity import velocity_at as velocity_at
 from fvi_cli.integrator.members import integrate_members as integrate_members
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps as AdaptiveSteps

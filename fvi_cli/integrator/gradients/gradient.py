@@ -81,24 +81,17 @@ def gradient_of(
     named = resolve_names or (lambda index, value: Observations(coordinates=names_of(scene)))
     expression = quantity.expression(named(-1, 0.0), scene)
     run = LinearisedRun(scene, method, run_steps(scene, method, steps))
-    if expression is None:
-        motion = MotionAt(run.steps, run.steps.located(quantity.times))
-        given: tuple[Array, ...] = motion.motion()
-        cotangent = run.adjoint(*motion.spread(*quantity.derivatives(*given)))
-    else:
-        formula = Formula(run, quantity.times, expression, named)
-        given = (formula.values,)
-        (by_value,) = quantity.derivatives(*given)
-        cotangent = run.adjoint(*formula.spread(by_value))
+    formula = Formula(run, quantity.times, expression, named)
+    by_value = quantity.slopes(formula.values)
+    cotangent = run.adjoint(*formula.spread(by_value))
 
     def rate(index: int, one: Variation) -> float:
         through_motion = float(cotangent.along(disturbance(run, [one]))[0])
-        own = 0.0 if expression is None else by_value @ formula.rate(index, one)
-        if not math.isfinite(found := through_motion + own):
+        if not math.isfinite(found := through_motion + by_value @ formula.rate(index, one)):
             raise ValueError(f"quantity: its derivative by {one.name} is not finite at these times")
         return float(found)
 
-    value = float(quantity.value(*given))
+    value = float(quantity.value(formula.values))
     if not math.isfinite(value):
         raise ValueError("quantity: it is not finite at these times")
     derivatives, left_out = np.full(len(variations), math.nan), {}

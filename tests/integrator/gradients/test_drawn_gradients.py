@@ -20,6 +20,7 @@ from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.observations.request import names_of
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
@@ -114,16 +115,18 @@ def found_mesh(scene: Scene) -> Mesh:
 def test_drawn_scenes(seed):
     scene, method, mesh = drawn(seed)
     times = np.array([0.31, 0.77]) * scene.final_time
-    weights = np.random.default_rng(seed).normal(size=(2, 2, scene.dimension))
-
-    def value(position: np.ndarray, velocity: np.ndarray) -> float:
-        return (weights[0] * position).sum() + (weights[1] * np.sin(velocity)).sum()
+    weights = np.random.default_rng(seed).normal(size=(2, scene.dimension))
 
     def of(beside: Scene) -> float:
         steps = run_steps(beside, method, mesh)
-        return float(value(steps(times), steps.velocity_at(times)))
+        values = steps(times) @ weights[0] + np.sin(steps.velocity_at(times)) @ weights[1]
+        return float(0.5 * values @ values)
 
-    quantity = fvi.Quantity(times=times, value=value)
+    terms = [
+        f"{a!r}*{name} + {b!r}*sin(v{name})"
+        for name, a, b in zip(names_of(scene), *weights.tolist(), strict=True)
+    ]
+    quantity = fvi.misfit(times, np.zeros(2), of=" + ".join(terms))
     entries = entries_of(scene)
     names = [name for name, one in entries.items() if np.any(one.value) or "initial" in name]
     assert misses(scene, method, mesh, quantity, of, names).max() < 1.0

@@ -8,7 +8,6 @@ from letters import spring, swing
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.mesh import graded_mesh
 
 
 def pendulum(omega: float = 1.2, x: float = 2.0) -> Scene:
@@ -57,23 +56,6 @@ def test_numbers_of_a_scene_by_name():
     )
     assert abs(together) < 1e-12 * np.abs(found["mass"]).sum()
     assert found["initial_position"] @ [1.0, 0.0] == pytest.approx(found.value, rel=1e-12)
-
-
-def test_a_smoothed_peak():
-    """Close above the peak, with the derivative of the value at its time where it is one time."""
-    scene, mesh = pendulum(), graded_mesh(6.0, 24, 2.0)
-    observed = fvi.integrate(scene, "gauss8", mesh, quantities={"a": "ax"}).observed
-    peak = observed.extents["a"].peak
-    times = np.linspace(0.0, 6.0, 61)
-    soft = fvi.gradient(scene, "gauss8", mesh, fvi.smoothed_peak("ax", times, sharpness=80.0))
-    assert 0.99 * peak < soft.value < 61 ** (1 / 80) * peak
-    at = observed.extents["a"].peak_time
-    alone = fvi.smoothed_peak("ax", [at, 0.5 * at], sharpness=400.0)
-    one = fvi.gradient(scene, "gauss8", mesh, alone, ["damping.0.order", "potential.omega"])
-    other = fvi.gradient(scene, "gauss8", mesh, fvi.acceleration_at(at), list(one.derivatives))
-    assert one.value == pytest.approx(peak, rel=1e-6)
-    for name in one.derivatives:
-        assert one[name] == pytest.approx(np.sign(other.value) * other[name], rel=1e-9)
 
 
 FRAME = {

@@ -19,7 +19,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.numbers import numbers_of
-from fvi_cli.integrator.gradients.quantity import Quantity, position_at, quantity_at
+from fvi_cli.integrator.gradients.quantity import position_at, quantity_at
 from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import linear_oscillator
@@ -214,29 +214,6 @@ def test_beside_zero_differences_grow_until_round_off_is_small_or_what_bends_is_
 
     (found,) = differentiate(small, scene, values)
     assert found[0] == pytest.approx(math.cos(rate * value), rel=2e-6)
-
-
-@pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
-def test_quantities_that_lose_complex_steps_are_refused(scale):
-    scene = linear_oscillator(
-        mass=np.eye(2),
-        stiffness=np.diag([1.0, 2.0]),
-        initial_position=[scale, 0.3 * scale],
-        final_time=3.0,
-    )
-    parameters = ["initial_position"]
-    for wrong in (
-        lambda x, v: np.linalg.norm(x),
-        lambda x, v: np.abs(x).sum(),
-        lambda x, v: np.real(x[0, 0]) * 2.0,
-    ):
-        quantity = Quantity(times=np.array([1.0, 2.0]), value=wrong)
-        with pytest.raises(ValueError, match="complex steps do not give its derivative"):
-            gradient(scene, "gauss3", 12, quantity, parameters)
-    right = Quantity(times=np.array([1.0, 2.0]), value=lambda x, v: np.sqrt((x**2).sum()))
-    found = gradient(scene, "gauss3", 12, right, parameters)
-    # |x| is homogeneous of degree one in the initial position
-    assert found["initial_position"] @ scene.initial_position == pytest.approx(found.value)
 
 
 @pytest.mark.parametrize("text", sorted(FORCES))
