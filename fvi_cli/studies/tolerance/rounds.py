@@ -18,6 +18,8 @@ POWER: Final = 1.3
 """A local tolerance e gives a run with an error below e^1.3 / 30, both relative to the motion."""
 COARSEST: Final = 0.01
 """Largest local tolerance, as a share of the motion."""
+PROBED_FRACTIONS = (np.arange(64) + 0.5) / 64
+"""Times at which forces are evaluated for a first guess, as shares of the run."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
