@@ -98,12 +98,14 @@ def test_velocities_and_their_extents_from_the_start_on(seed):
     known = oracle(scene, terms)
     run = fvi.integrate(scene, METHODS[seed % 3], 98, output=TIMES, quantities={"v": "vx"})
     # the first step has no better than its polynomial for a power below 1
-    most = 1e-4 if is_rough(scene, terms) else 1e-10
+    most = 1e-4 if is_rough(scene, terms) else 1e-8
     assert off_by(run.observed.quantities["v"], scene, terms, known) < most
     extent = run.observed.extents["v"]
     wrong = np.array([extent.least, extent.greatest, extent.rms]) - of_extents(scene, known)
-    assert np.abs(wrong / known.scale()[1][0]).max() < 1e-4
-    assert np.abs(wrong[:2] / known.scale()[1][0]).max() < max(most, 1e-6)
+    # the polynomial of the first step does not begin at v0, where the velocity falls from it
+    most = 1e-2 if is_rough(scene, terms) else 1e-6
+    assert np.abs(wrong[:2] / known.scale()[1][0]).max() < most
+    assert abs(wrong[2] / known.scale()[1][0]) < 1e-4
 
 
 @pytest.mark.few(1)
