@@ -23,6 +23,8 @@ from fvi_cli.integrator.run.points import Proposal, why_unsolved
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
+SHORTEST_FLIGHT = 1e-9
+"""A flight between impacts shorter than this, relative to T, is lost in the round-off of steps."""
 MOST_IMPACTS = 10_000
 """Most impacts of a run."""
 START, IMPACT, BREAK = range(3)
@@ -117,8 +119,9 @@ class Bouncing:
         here = step.begin + fall.root * step.size
         is_here = here - step.begin <= self._shortest
         before = self.times[name][-1] if self.times[name] else -math.inf
-        if here - before <= self._shortest or (is_here and name in self._touched):
-            # the flight is shorter than steps can be, or than the round-off of its step
+        flight = here - before
+        if flight <= SHORTEST_FLIGHT * self._end or (is_here and name in self._touched):
+            # the flight is shorter than the round-off of its steps
             self.rests_on = name
         elif is_here:
             self._push_here(name, engine, state, step)
