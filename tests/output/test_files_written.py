@@ -34,6 +34,10 @@ WRITTEN = {
         "made.h5",
         *(f"tables/made-quantities{end}" for end in (".csv", ".md", "-events.csv")),
     },
+    ("cost", LADDER): {
+        *(f"tables/made-cost.{form}" for form in ("csv", "md")),
+        "figures/made-cost.png",
+    },
     ("stability", LADDER): {
         *(f"tables/made-stability.{form}" for form in ("csv", "md")),
         "figures/made-stability.png",
@@ -43,7 +47,7 @@ WRITTEN = {
         "figures/made-modes.png",
         "made-modes.h5",
     },
-    ("response --over frequency=0.05:1:40 --force x1 --at x3", STRUCTURE): {
+    ("response --frequency 0.05:1:40 --force x1 --at x3", STRUCTURE): {
         *(f"tables/made-response.{form}" for form in ("csv", "md")),
         "figures/made-response.png",
     },
