@@ -22,7 +22,7 @@ from benchmarks.truth.judging import Claim, RefusedError, UnjudgedError, judge
 def measured_once(monkeypatch):
     monkeypatch.setattr("benchmarks.measuring.YARDSTICK_REPEATS", 1)
     # the heap of a process that has run many tests
-    monkeypatch.setattr("gc.collect", lambda: 0)
+    monkeypatch.setattr("gc.collect", lambda *generation: 0)
 
 
 def columns(text: str) -> dict[str, list[str]]:
