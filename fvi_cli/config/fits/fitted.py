@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,9 @@ def fitted_text(
     number: int,
     specification: Mapping[str, Any],
     motions: Sequence[tuple[str, Mapping[str, float]]],
+    folder: Path,
 ) -> str:
-    """YAML of the experiment with fitted numbers; one experiment for every motion."""
+    """YAML of the experiment with fitted numbers, for `folder`; one experiment for every motion."""
     resolved = loaded.resolved["experiments"][number]
     name = f"{resolved['name']}-fitted"
     kept = {key: value for key, value in resolved.items() if key not in LEFT_OUT}
@@ -36,7 +38,7 @@ def fitted_text(
         made.append({**kept, "name": label, "problem": problem})
     whole = made[0] if len(made) == 1 else {"name": name, "experiments": made}
     head = f"# {resolved['name']} with the numbers that were fitted to measurements\n"
-    text = head + _as_yaml(_referring(whole, loaded.path.parent))
+    text = head + _as_yaml(_referring(whole, loaded.path.parent, folder))
     if len(text) > LARGEST_DOCUMENT:
         raise RequestError(
             f"{name}: the configuration with the fitted numbers takes {len(text)} characters, and "
@@ -51,15 +53,20 @@ def _as_yaml(whole: Mapping[str, Any]) -> str:
     return text
 
 
-def _referring(node: Any, folder: Path) -> Any:
-    """The values with absolute paths of files; their digests tell whether these have changed."""
+def _referring(node: Any, base: Path, folder: Path) -> Any:
+    """The values with paths of files as seen from a folder in place of the base."""
     if isinstance(node, list | tuple):
-        return [_referring(one, folder) for one in node]
+        return [_referring(one, base, folder) for one in node]
     if not isinstance(node, Mapping):
         return node
-    found = {key: _referring(value, folder) for key, value in node.items()}
+    found = {key: _referring(value, base, folder) for key, value in node.items()}
     if is_file(node):
-        found["file"] = (folder / str(node["file"])).resolve().as_posix()
+        path = (base / str(node["file"])).resolve()
+        try:
+            found["file"] = Path(os.path.relpath(path, folder.resolve())).as_posix()
+        except ValueError:
+            # on another drive of Windows
+            found["file"] = path.as_posix()
     return found
 
 

@@ -98,7 +98,7 @@ def write_fitted(request: Request, results: list[FitResult], output: Path) -> li
         ]
         number = names.index(result.name)
         try:
-            text = fitted_text(request.loaded, number, best.model.specification, motions)
+            text = fitted_text(request.loaded, number, best.model.specification, motions, output)
         except RequestError as error:
             _logger.error("%s", error)
             continue
