@@ -60,7 +60,8 @@ class SceneForces:
         self.may_hide = any(map(may_hide, systems))
         # a Python function is unknown
         is_program = scene.forcing is not None and scene.forcing.has_functions
-        self.is_steep = is_program or bool(called & {*STEEP_FUNCTIONS, *KINKED})
+        self.has_kinks = bool(called & set(KINKED))
+        self.is_steep = is_program or self.has_kinks or bool(called & STEEP_FUNCTIONS)
         self._breaks = () if scene.forcing is None else scene.forcing.break_points
 
     def are_zero_at(self, time: float) -> bool:

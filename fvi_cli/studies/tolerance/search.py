@@ -49,6 +49,8 @@ FEW_DIGITS: Final = 7.0
 """Up to so many digits the less accurate of two runs has 8 stages, beyond that 10."""
 LEAST_GAIN: Final = 0.03
 """Least estimate of the error of the better of two runs, as a share of their difference."""
+BESIDE_KINKS: Final = 5.0
+"""The same beside kinks, where differences are as random as the places of steps."""
 PROBED: Final = 1e-9
 """For tolerances below this share of a nonlinear motion the growth of round-off is measured."""
 CAUTION: Final = 10.0
@@ -155,8 +157,9 @@ class _Search:
             for one in (degree, degree + 2)
         )
         # on one mesh two runs may miss the same feature
-        is_rough = SceneForces(self.scene).is_steep
-        least_gain = 1.0 if is_rough else LEAST_GAIN
+        forces = SceneForces(self.scene)
+        is_rough = forces.is_steep
+        least_gain = BESIDE_KINKS if forces.has_kinks else 1.0 if is_rough else LEAST_GAIN
         before, still, failed, target = math.inf, 0, 0, 0.0
         for _ in range(MOST_ROUNDS):
             # what hides does not fall with the steps as other errors do
@@ -196,7 +199,8 @@ class _Search:
             if self.rounding is not None and self._rounded(run) > target:
                 return self._is_limited_by_rounding(one, target)
             # runs that are dominated by round-off may agree by accident
-            if one.estimate <= (target if still == 0 else STALLED_SHARE * target):
+            is_enough = still == 0 or forces.has_kinks
+            if one.estimate <= (target if is_enough else STALLED_SHARE * target):
                 return self._result(one, "met", "")
             factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
             if one.estimate > STILL * before:
