@@ -104,7 +104,7 @@ def test_fitted_numbers_of_large_structures_are_read_again(folder):
     loaded = structure(folder, 460)
     (described,) = (one.problem_specification for one in loaded.experiments)
     values = {"problem.damping.0.coefficient": 0.25}
-    text = fitted_text(loaded, 0, described, [("s", values)], loaded.path.parent)
+    text = fitted_text(loaded, 0, described, [("s", values)], folder / "elsewhere")
     (folder / "elsewhere").mkdir()
     (folder / "elsewhere" / "again.yaml").write_text(text)
     again = fvi.load(folder / "elsewhere" / "again.yaml").experiments[0]
