@@ -18,6 +18,7 @@ SESSIONS = sorted((Path(__file__).parent / "sessions").glob("*.txt"))
 CHANGING = (
     # times, sizes, digests, and where the package is
     (re.compile(r"\b[\d.]+(?:e[+-]?\d+)? (s|ms|MB|KB|GB)\b"), r"# \1"),
+    (re.compile(r",(ok|failed|diverged|floor|refused),[\d.e-]+,"), r",\1,#,"),
     (re.compile(r"\b[0-9a-f]{40,64}\b"), "#"),
     (re.compile(r"@[0-9a-f]{8}\b"), "@#"),
     (re.compile(r"\d{4}-\d\d-\d\dT[\d:+]+"), "#"),

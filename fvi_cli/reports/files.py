@@ -56,7 +56,8 @@ def _differences(text: str, sheet: Sheet) -> Iterator[str]:
     stored = {tuple(row[name] for name in sheet.keys): row for row in rows}
     if len(stored) < len(rows):
         yield f"{len(rows) - len(stored)} rows are given twice"
-    yield from (f"{_place(key)}: stored, but not computed now" for key in stored.keys() - fresh)
+    left = (key for key in stored if key not in fresh)
+    yield from (f"{_place(key)}: stored, but not computed now" for key in left)
     for key, row in fresh.items():
         if key not in stored:
             yield f"{_place(key)}: not stored"

@@ -87,7 +87,7 @@ def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(fo
 
 CRAMPED = """
 mkdir disk
-mount -t tmpfs -o size=120k tmpfs disk
+mount -t tmpfs -o size=80k tmpfs disk
 cp before.h5 disk/quick.h5
 set +e
 $FVI run quick.yaml --output disk -q

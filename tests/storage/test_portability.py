@@ -20,7 +20,7 @@ HIDING = """\
 import os, sys
 # what belongs to others, and knows its system, comes first
 import filelock, h5py, matplotlib, multiprocessing.popen_spawn_posix, numpy, platform
-import scipy.linalg, yaml
+import psutil, scipy.linalg, yaml
 platform.platform()
 for name in ("fcntl", "grp", "pwd", "resource", "termios", "tty", "pty", "posix_ipc"):
     sys.modules[name] = None

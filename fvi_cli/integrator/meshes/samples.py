@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from fvi_cli.effects.forcing import formula_of
 from fvi_cli.effects.scene import Scene
@@ -80,6 +79,9 @@ def sample_forces(scene: Scene) -> ForceSamples:
 
 def _not_told(times: Array, values: Array) -> tuple[Places, Mask]:
     """Samples with a spline through some of them, and those that it does not tell."""
+    # most scenes need no spline
+    from scipy.interpolate import CubicSpline
+
     is_coarse = np.zeros(times.size, dtype=bool)
     is_coarse[::EVERY] = True
     is_coarse[-1:] = True
