@@ -76,6 +76,11 @@ class FormulaAlong:
         }
         return self._values(steps, tau, variables), self._noise(steps, middles)
 
+    def at_starts(self, steps: Places) -> Array:
+        """Values at the start of runs, by their first steps, with the velocities given there."""
+        tau = np.zeros(steps.size)
+        return self._values(steps, tau, (self.start_variables or self.variables)(steps, tau))
+
     def starts_with_zero(self, steps: Places) -> Mask:
         """Whether the value at the start of runs, by their first steps, is zero to round-off."""
         tau = np.zeros(steps.size)

@@ -120,7 +120,11 @@ class Observer:
         edges = np.cumsum([one[0].size for one in at])[:-1]
         for name, expression in (self._first.quantities or {}).items():
             along = self.along(expression)
-            values = np.split(along(steps, tau), edges)
+            row = along(steps, tau)
+            is_start = (tau == 0.0) & np.isin(steps, motion.firsts[:-1])
+            if is_start.any():
+                row[is_start] = along.at_starts(steps[is_start])
+            values = np.split(row, edges)
             extents = extents_of(motion, along, [one.end for one in members])
             for one, own, extent in zip(members, values, extents, strict=True):
                 one.quantities[name], one.extents[name] = own, extent

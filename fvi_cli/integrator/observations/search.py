@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.integrator.observations.formulas import FormulaAlong, Isolated, Resolved
 from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.pieces import Along, parts_of, pieces_of
+from fvi_cli.integrator.observations.pieces import parts_of, pieces_of
 from fvi_cli.integrator.results.observed import Extent
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.brackets import bracketed_roots
@@ -97,8 +97,12 @@ def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
     return Fall(float(root[0]), float(place[last]), float(place[first]))
 
 
-def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list[Extent]:
-    """Extents of a function for every member, up to a time of its own."""
+def extents_of(motion: DenseMotion, along: FormulaAlong, ends: Sequence[float]) -> list[Extent]:
+    """Extents of a formula for every member, up to a time of its own.
+
+    At the start the velocity is the one that is given: behind a singular start the polynomial of
+    the first step is far from it.
+    """
     q, size = len(motion.scenes), motion.step_size
     parts = []
     for index, end in enumerate(ends):
@@ -129,7 +133,10 @@ def extents_of(motion: DenseMotion, along: Along, ends: Sequence[float]) -> list
         for k, sign in enumerate((-1.0, 1.0)):
             _improve(least[k], at[k], sign * values, member, times)
     with np.errstate(all="ignore"):
-        starts = np.asarray(along(motion.firsts[:-1], np.zeros(q)), dtype=float)
+        starts = along.at_starts(motion.firsts[:-1])
+    known = np.flatnonzero(np.isfinite(starts))
+    for k, sign in enumerate((-1.0, 1.0)):
+        _improve(least[k], at[k], sign * starts[known], known, np.zeros(known.size))
     for k in np.flatnonzero(np.isinf(starts)).tolist():
         # there is no station at the start, and the integral of the square near it is not known
         side = int(starts[k] < 0)

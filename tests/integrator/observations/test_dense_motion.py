@@ -136,7 +136,8 @@ def test_damping_force_of_order_one_and_of_a_known_motion():
     linear = spring((1.0, 0.7), T=4.0, m=1.0, k=2.0, x=1.0, v=-0.5)
     run = fvi.integrate(linear, "gauss4", 40, quantities={"d": "dx", "v": "vx"})
     force, velocity = run.observed.quantities["d"], run.observed.quantities["v"]
-    assert np.abs(force + 0.7 * velocity).max() < 1e-9
+    # at the start the velocity is the one that is given, the force that of the polynomial
+    assert np.abs(force + 0.7 * velocity)[1:].max() < 1e-9
     # x = t**2.5: the derivative of order 3/2 is Gamma(7/2) t
     known = fvi.build_problem(
         {

@@ -127,3 +127,21 @@ def test_the_velocity_at_a_stop_is_between_those_before_it(method):
     found = known.velocity(grid)[:, 0]
     assert run.observed.extents["v"].least == pytest.approx(found.min(), abs=1e-8)
     assert run.observed.extents["v"].greatest == pytest.approx(found.max(), abs=1e-8)
+
+
+def test_a_steep_start_does_not_hide_the_velocity_that_is_given():
+    """Behind v0 the velocity moves by t**0.12: the polynomial of the first step begins elsewhere."""
+    scene = fvi.linear_oscillator(
+        final_time=8.0,
+        stiffness=1.3,
+        damping=[fvi.FractionalDamping(order=1.88, coefficient=1.2)],
+        derivative="riemann-liouville",
+        initial_velocity=-2.0,
+    )
+    run = fvi.integrate(scene, "gauss5", 40, output=[0.0, 1.0], quantities={"v": "vx"})
+    # the control: the polynomial is far away
+    whole = fvi.integrate(scene, "gauss5", 40, with_steps=True)
+    assert abs(whole.velocity(np.zeros(1))[0, 0] + 2.0) > 1e-3
+    assert run.observed.quantities["v"][0] == -2.0
+    extent = run.observed.extents["v"]
+    assert (extent.least, extent.peak_time) == (-2.0, 0.0)
