@@ -13,11 +13,11 @@ from spread import spread
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.entries import entries_of
-from fvi_cli.integrator.gradients.formula import MotionAt
 from fvi_cli.integrator.gradients.gradient import gradient_of, run_steps, sensitivities
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, damped
+from fvi_cli.integrator.gradients.parameters import entries_of
 from fvi_cli.integrator.gradients.quantity import (
+    MotionAt,
     acceleration_at,
     misfit,
     position_at,
@@ -266,7 +266,7 @@ def test_fifty_parameters_take_two_runs():
     by = [
         one
         for name in ("stiffness", "damping.0.coefficient")
-        for (row, column), one in entries_of(chain)[name].variations()
+        for (row, column), one in entries_of(chain)[name].parts.items()
         if row == column
     ]
     method = Method(cq="gauss", degree=2, start="none")
