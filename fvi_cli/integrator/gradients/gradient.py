@@ -85,7 +85,7 @@ def gradient_of(
     derivatives, left_out = np.full(len(parameters), math.nan), {}
     # one after the other: a disturbance is as large as the run
     for index, one in enumerate(parameters):
-        if wrong := objection(scene, one):
+        if wrong := objection(scene, one) or formula.objection(one):
             left_out[index] = wrong
             continue
         through_motion = float(cotangent.along(disturbance(run, [one]))[0])
@@ -115,7 +115,16 @@ class Sensitivities:
     parameters: Sequence[Parameter]
 
     def of(self, formula: Formula) -> Array:
-        """Derivatives of an expression at n times of the run, ``(n, p)``."""
+        """Derivatives of an expression at n times of the run, ``(n, p)``.
+
+        Raises
+        ------
+        ValueError
+            If it has none by one of the parameters.
+        """
+        for one in self.parameters:
+            if wrong := formula.objection(one):
+                raise ValueError(wrong)
         found = formula.changes(self.tangent, self.change)
         for column, one in enumerate(self.parameters):
             found[:, column] += formula.rates(one)

@@ -54,8 +54,6 @@ LARGEST_BLOCK = 256
 """Most unknowns of a block of a linear scene."""
 AT_ONCE = 2**21
 """Most entries of the matrices P of steps that are computed together."""
-KEPT = 8
-"""Number of sequences of blocks of a linear scene whose tables are kept."""
 EQUAL_STEPS = 8
 """Steps are solved in blocks if at least this many, on average, have the same length."""
 
@@ -125,7 +123,6 @@ class LinearisedRun:
         self._damping = self._damping_of(self._terms, self.coefficients, np.zeros((1, self.d)))
         whole = [Decoupling(mass=scene.inertia.mass, modes=None)] if scene.is_linear else None
         self._law = law_of([scene], whole)
-        self._kept = dict[int, Maps]()
 
     @property
     def _size(self) -> int:
@@ -226,24 +223,17 @@ class LinearisedRun:
         return [BlockSequence(first, min(together, sizes.size - first), 1) for first in firsts]
 
     def _maps(self, blocks: BlockSequence) -> Maps:
-        if (kept := self._kept.get(blocks.first)) is not None:
-            # tables of linear scenes are used for the motion and for its changes
-            return kept
         sizes, common = self.steps.step_size, (self._law, self.method, self._damping)
         try:
             if self._is_regular:
                 h = float(sizes[blocks.first])
-                maps = maps_of_equal_steps(*common, h, blocks.count, blocks.number)
-            else:
-                position, velocity, time = (one[blocks.steps] for one in self.points)
-                maps = maps_of_steps(*common, sizes[blocks.steps], (position, velocity, time))
+                return maps_of_equal_steps(*common, h, blocks.count, blocks.number)
+            position, velocity, time = (one[blocks.steps] for one in self.points)
+            return maps_of_steps(*common, sizes[blocks.steps], (position, velocity, time))
         except np.linalg.LinAlgError:
             raise ValueError(
                 "derivatives: the linearised equations of a step have no unique solution"
             ) from None
-        if self.scene.is_linear and len(self._kept) < KEPT:
-            self._kept[blocks.first] = maps
-        return maps
 
     def _sweep(
         self, maps: Maps, given: Array, found: Array, end: Array, states: Array, *, back: bool

@@ -96,7 +96,8 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
     ``laws.<k>.size``, ``.spring``, ``.coefficient`` and the numbers of its kernel,
     ``initial_position``, ``initial_velocity``, ``forcing.<piece>.<component>.<parameter>``.
     """
-    own, kind = scene.potential, "potential"
+    own: Any = scene.potential
+    kind = "potential"
     found: dict[str, Any] = {}
     if scene.lagrangian is None:
         found["mass"] = scene.inertia.mass
@@ -445,7 +446,7 @@ def _kernel_with(kernel: Any, numbers: Mapping[str, Any]) -> RelaxationKernel:
 def symbol_rates(scene: Scene, one: Parameter, s: ComplexArray) -> list[tuple[ComplexArray, Array]]:
     """Pairs of a function of s and a matrix whose products add up to the change of T(s)."""
     unit = np.ones_like(s)
-    found = [(s * s, one.of("mass")), (unit, one.of("stiffness"))]
+    found: list[tuple[Any, Any]] = [(s * s, one.of("mass")), (unit, one.of("stiffness"))]
     for k, term in enumerate(scene.damping):
         power = term.symbol(s)  # type: ignore[arg-type]
         moved = _on_coordinates(term, one.of(f"damping.{k}.coefficient"))

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -320,6 +320,18 @@ class Formula:
             position, velocity = position + moved, velocity + turned
         return _Slopes(position, velocity, force, -damping - force, terms)
 
+    def objection(self, one: Parameter) -> str:
+        """Why the values have no derivative by a parameter; empty if they have one."""
+        scene, by = self._run.scene, self._slopes
+        if scene.derivative == "caputo" or not scene.acts_above_order_1:
+            return ""
+        if not np.any(one.of("initial_velocity")) or not (by.damping.any() or by.terms):
+            return ""
+        return (
+            f"{one.name}: forces of Riemann-Liouville derivatives above order 1 with a start "
+            "velocity keep an error of the first step; use caputo"
+        )
+
     def spread(self, by_value: Array) -> tuple[Array, Array, Array | None, Array | None]:
         """The arguments of :meth:`LinearisedRun.adjoint`, from derivatives by the values."""
         by, weights, terms = self._slopes, by_value[:, None], None
@@ -394,9 +406,8 @@ class Formula:
                         found += position @ _row(term, spring, share)
                 total += share.values * (found + size * moved @ _row(term, inner, share))
             if moves_loads:
-                acted = by_initial_loads(
-                    scene, one, lambda own, k=share.place: damper_alone(own, k).initial_force(time)
-                )
+                alone = partial(damper_alone, place=share.place)
+                acted = by_initial_loads(scene, one, lambda own: alone(own).initial_force(time))
                 total -= share.values * acted[:, share.component]
         return total
 

@@ -8,6 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
@@ -142,7 +144,8 @@ def _damper_stiffness(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Complex stiffness g(s) of dampers whose displacement is given; shapes of `_displacements`."""
     total, changes = np.zeros(s.shape, complex), np.zeros((s.size, 1, len(parameters)), complex)
-    for part in (*scene.damping, *scene.laws):
+    every: list[FractionalDamping | Law] = [*scene.damping, *scene.laws]
+    for part in every:
         symbols = np.array([part.symbol(at) for at in s.tolist()])
         total += part.matrix[0, 0] * (getattr(part, "spring", 0.0) + symbols)
     for column, one in enumerate(parameters):
