@@ -127,15 +127,15 @@ def gradient(
         for name, value in values.items():
             family = partial(_made, scene, values, name)
             part = parameter_of(name, family, value, described)
-            entries[name] = Entry(value=np.array(value), parts={(): part})
-    changes = [one for entry in entries.values() for one in entry.parts.values()]
+            entries[name] = Entry(value=np.array(value), parameter=lambda _, part=part: part)
+    changes = (one.parameter(index) for one in entries.values() for index in one.indices)
     found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
-    left_out = {changes[index].name: reason for index, reason in found.left_out.items()}
+    left_out = found.left_out
     if left_out and parameters is not None:
         raise ValueError(next(iter(left_out.values())))
     rates = iter(found.derivatives.tolist())
     gathered = {
-        name: entry.gathered([next(rates) for _ in entry.parts]) for name, entry in entries.items()
+        name: one.gathered([next(rates) for _ in one.indices]) for name, one in entries.items()
     }
     return Gradient(
         value=found.value,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +31,7 @@ class RunGradient:
 
     value: float
     derivatives: Array  # nan for parameters that are left out
-    left_out: Mapping[int, str]  # indices of parameters without a derivative, and why
+    left_out: Mapping[str, str]  # names of parameters without a derivative, and why
     step_solves: int  # solved steps in addition to the run
     n_steps: int
 
@@ -58,7 +58,7 @@ def gradient_of(
     method: Method,
     steps: AnySteps,
     quantity: Quantity,
-    parameters: Sequence[Parameter],
+    parameters: Iterable[Parameter],
     names: Observations | None = None,
 ) -> RunGradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
@@ -82,19 +82,21 @@ def gradient_of(
         raise ValueError("quantity: it is not finite at these times")
     by_value = quantity.slopes(formula.values)
     cotangent = run.adjoint(*formula.spread(by_value))
-    derivatives, left_out = np.full(len(parameters), math.nan), {}
+    derivatives, left_out = list[float](), dict[str, str]()
     # one after the other: a disturbance is as large as the run
-    for index, one in enumerate(parameters):
-        if wrong := objection(scene, one) or formula.objection(one):
-            left_out[index] = wrong
-            continue
-        through_motion = float(cotangent.along(disturbance(run, [one]))[0])
-        derivatives[index] = through_motion + float(by_value @ formula.rates(one))
-        if not math.isfinite(derivatives[index]):
-            left_out[index] = f"quantity: its derivative by {one.name} is not finite at these times"
+    for one in parameters:
+        found, wrong = math.nan, objection(scene, one) or formula.objection(one)
+        if not wrong:
+            found = float(cotangent.along(disturbance(run, [one]))[0])
+            found += float(by_value @ formula.rates(one))
+        if not (wrong or math.isfinite(found)):
+            wrong = f"quantity: its derivative by {one.name} is not finite at these times"
+        if wrong:
+            left_out.setdefault(one.name, wrong)
+        derivatives.append(found)
     return RunGradient(
         value=value,
-        derivatives=derivatives,
+        derivatives=np.array(derivatives),
         left_out=left_out,
         step_solves=run.step_solves,
         n_steps=run.steps.n_steps,

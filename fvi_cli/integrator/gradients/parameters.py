@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,18 +71,20 @@ class Parameter:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Entry:
-    """A number, vector or symmetric matrix of a scene: its value, and a parameter for each part.
-
-    A symmetric matrix has parameters on and above its diagonal.
-    """
+    """A number, vector or symmetric matrix of a scene, with a parameter for each part."""
 
     value: Array
-    parts: Mapping[tuple[int, ...], Parameter]
+    parameter: Callable[[tuple[int, ...]], Parameter]  # that moves the part at an index
+
+    @property
+    def indices(self) -> list[tuple[int, ...]]:
+        """Indices of the parts, for a symmetric matrix on and above the diagonal."""
+        return [at for at in np.ndindex(*self.value.shape) if len(at) < 2 or at[0] <= at[1]]
 
     def gathered(self, derivatives: Sequence[float]) -> Array:
         """The derivative G in the shape of the value: the change is ``sum(G * dvalue)``."""
         found = np.zeros(self.value.shape)
-        for index, one in zip(self.parts, derivatives, strict=True):
+        for index, one in zip(self.indices, derivatives, strict=True):
             share = 0.5 if len(index) == 2 and index[0] != index[1] else 1.0
             found[index] = found[index[::-1]] = share * one
         return found
@@ -137,18 +139,20 @@ def entries_of(scene: Scene) -> dict[str, Entry]:
             if kind in ("potential", "lagrangian"):
                 # the same name in expressions
                 together[name].append(f"names.{last}")
-    found = {}
-    for name, moved in together.items():
-        value = numbers[moved[0]]
-        parts = {}
-        for index in np.ndindex(*value.shape):
-            if len(index) < 2 or index[0] <= index[1]:
-                rate = np.zeros(value.shape)
-                rate[index] = rate[index[::-1]] = 1.0
-                parts[index] = Parameter(name=name, rates=dict.fromkeys(moved, rate))
-        if all(np.array_equal(value, numbers.get(one, value)) for one in moved):
-            found[name] = Entry(value=value, parts=parts)
-    return found
+    return {
+        name: Entry(value=numbers[moved[0]], parameter=partial(_part, numbers, name, moved))
+        for name, moved in together.items()
+        # a name that has two values in the formulas of a force is no parameter
+        if len({numbers[one].tobytes() for one in moved if one in numbers}) == 1
+    }
+
+
+def _part(
+    numbers: Mapping[str, Array], name: str, moved: Sequence[str], index: tuple[int, ...]
+) -> Parameter:
+    rate = np.zeros(numbers[moved[0]].shape)
+    rate[index] = rate[index[::-1]] = 1.0
+    return Parameter(name=name, rates=dict.fromkeys(moved, rate))
 
 
 def parameter_of(

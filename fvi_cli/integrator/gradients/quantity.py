@@ -406,10 +406,14 @@ class Formula:
                         found += position @ _row(term, spring, share)
                 total += share.values * (found + size * moved @ _row(term, inner, share))
             if moves_loads:
-                alone = partial(damper_alone, place=share.place)
-                acted = by_initial_loads(scene, one, lambda own: alone(own).initial_force(time))
+                acted = by_initial_loads(scene, one, partial(_initial_force, share.place, time))
                 total -= share.values * acted[:, share.component]
         return total
+
+
+def _initial_force(place: int, time: Array, scene: Scene) -> Array:
+    """What the initial data add to the force of a damper, ``(n, c)``."""
+    return damper_alone(scene, place).initial_force(time)
 
 
 def _parts(scene: Scene, place: int) -> list[tuple[int, DamperForce]]:

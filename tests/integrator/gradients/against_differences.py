@@ -20,7 +20,8 @@ from fvi_cli.integrator.run.on_mesh import AnySteps
 def changes(scene: Scene, *names: str) -> list[Parameter]:
     """Every number of a scene, or those that have these names."""
     entries = entries_of(scene)
-    return [one for name in names or entries for one in entries[name].parts.values()]
+    chosen = [entries[name] for name in names or entries]
+    return [one.parameter(index) for one in chosen for index in one.indices]
 
 
 def changed(scene: Scene, name: str, value: np.ndarray) -> Scene:
@@ -71,7 +72,7 @@ def misses(
     np.testing.assert_allclose(found.value, of(scene), rtol=1e-12)
     rows = []
     for name in names or entries:
-        for index in entries[name].parts:
+        for index in entries[name].indices:
             at = entries[name].value
 
             def moved(shift: float, name=name, index=index, at=at) -> float:
