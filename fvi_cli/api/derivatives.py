@@ -11,7 +11,13 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.gradients.gradient import gradient_of
-from fvi_cli.integrator.gradients.parameters import Described, Entry, entries_of, parameter_of
+from fvi_cli.integrator.gradients.parameters import (
+    Described,
+    Entry,
+    Parameter,
+    entries_of,
+    parameter_of,
+)
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
@@ -127,7 +133,7 @@ def gradient(
         for name, value in values.items():
             family = partial(_made, scene, values, name)
             part = parameter_of(name, family, value, described)
-            entries[name] = Entry(value=np.array(value), parameter=lambda _, part=part: part)
+            entries[name] = Entry(value=np.array(value), parameter=partial(_whole, part))
     changes = (one.parameter(index) for one in entries.values() for index in one.indices)
     found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
     left_out = found.left_out
@@ -194,6 +200,11 @@ def _made(
 ) -> Described:
     changed = {**values, name: value}
     return _described(family(**changed), changed)
+
+
+def _whole(one: Parameter, index: tuple[int, ...]) -> Parameter:
+    """The parameter of a number, which has one part."""
+    return one
 
 
 def _named(

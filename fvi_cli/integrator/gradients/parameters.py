@@ -25,7 +25,6 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     QuadraticPotential,
-    SuppliedPotential,
 )
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
@@ -55,6 +54,8 @@ class Parameter:
 
     name: str  # in messages
     rates: Mapping[str, Array]
+    # rate of the gradient of a potential of a user, whose numbers have no names
+    gradient: Callable[[Array], Array] | None = None
 
     def of(self, number: str) -> Any:
         """The rate of one number."""
@@ -174,8 +175,21 @@ def parameter_of(
             f"{name}: the scene has another form near {value:g}; what changes in formulas must be "
             "a parameter with a name"
         )
-    rates = {key: (upper[key] - lower[key]) / (ends[0] - ends[1]) for key in upper}
-    return Parameter(name=name, rates={key: rate for key, rate in rates.items() if rate.any()})
+    span = float(ends[0] - ends[1])
+    rates = {key: (upper[key] - lower[key]) / span for key in upper}
+    return Parameter(
+        name=name,
+        rates={key: rate for key, rate in rates.items() if rate.any()},
+        gradient=_between([one.potential for one, _ in sides], span),
+    )
+
+
+def _between(potentials: Sequence[Any], span: float) -> Callable[[Array], Array] | None:
+    """The central difference of the gradients of two potentials of a user."""
+    above, below = (getattr(one, "functions", None) for one in potentials)
+    if above is None or below is None or above is below:
+        return None
+    return lambda x: (np.asarray(above.gradient(x)) - np.asarray(below.gradient(x))) / span
 
 
 def _form(scene: Scene, names: Observations) -> tuple[object, ...]:
@@ -194,7 +208,8 @@ def _form(scene: Scene, names: Observations) -> tuple[object, ...]:
     return (
         scene.derivative,
         formulas,
-        potential.functions if isinstance(potential, SuppliedPotential) else None,
+        type(getattr(potential, "functions", None)),
+        [one.text for one in scene.prescribed.displacement.components] if scene.prescribed else [],
         [type(law.kernel) for law in scene.laws],
         forces,
         {name: one.shape for name, one in numbers_of(scene, names).items()},
@@ -285,6 +300,8 @@ def rates_of_forces(
         momentum = velocity @ one.rates["mass"]
     if "stiffness" in one.rates:
         force = -position @ one.rates["stiffness"]
+    if one.gradient is not None:
+        force = force - one.gradient(position)
     if lagrangian is not None and (moved := one.under("lagrangian.")):
         system, values = _rate_of(lagrangian.first, lagrangian.parameters, moved)
         found = lagrangian.evaluate(system, position, velocity, time, values)
