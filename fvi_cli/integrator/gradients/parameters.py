@@ -130,16 +130,19 @@ def entries_of(scene: Scene) -> dict[str, Entry]:
     """The numbers of a scene that users may name; ``forcing.<parameter>`` in all formulas."""
     numbers, together = numbers_of(scene), dict[str, list[str]]()
     for name in numbers:
-        kind, _, last = name.partition(".")
+        kind, last = name.partition(".")[0], name.rpartition(".")[2]
         if kind == "forcing":
-            last = name.rpartition(".")[2]
             if last.isidentifier():
                 together.setdefault(f"forcing.{last}", []).append(name)
-        elif not name.endswith(".spring"):
+        elif (kind, last) != ("laws", "spring"):
             together[name] = [name]
-            if kind in ("potential", "lagrangian"):
-                # the same name in expressions
-                together[name].append(f"names.{last}")
+    named = dict[str, str]()
+    for name in together:
+        if name.startswith(("potential.", "lagrangian.", "forcing.")):
+            named.setdefault(name.partition(".")[2], name)
+    for last, name in named.items():
+        # the same name in expressions
+        together[name].append(f"names.{last}")
     return {
         name: Entry(value=numbers[moved[0]], parameter=partial(_part, numbers, name, moved))
         for name, moved in together.items()

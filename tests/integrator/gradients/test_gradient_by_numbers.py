@@ -22,6 +22,8 @@ from fvi_cli.integrator.gradients.quantity import position_at, quantity_at
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_problem
 
 STEP = 1e-30
 
@@ -188,7 +190,39 @@ def test_numbers_inside_texts_are_refused():
 def test_parameters_of_forces_by_name():
     forcing = force_of("sin(w*t)*c**3", {"w": 3.0, "c": 0.7})
     scene = linear_oscillator(final_time=20.0, forcing=forcing)
-    found = gradient(scene, "gauss6", 100, position_at(20.0), ["forcing.w", "forcing.c"])
+    names = ["forcing.w", "forcing.c"]
+    found = gradient(scene, "gauss6", 100, position_at(20.0), names)
     exact = by_integral(lambda t, w, c: np.sin(w * t) * c**3, {"w": 3.0, "c": 0.7}, 20.0)
     for name, expected in exact.items():
         assert float(found[f"forcing.{name}"]) == pytest.approx(expected, rel=1e-8)
+
+
+def test_parameters_of_a_configuration_by_name():
+    """In the force and in an expression, singular at the start; the control is another number."""
+    values = {"w": 2.0, "p": -0.5}
+
+    def problem(**given: float) -> Problem:
+        return build_problem(
+            {
+                "kind": "damped-oscillator",
+                "parameters": given,
+                "forcing": "0.7*t**p*cos(w*t)",
+                "damping": [{"order": 0.5, "coefficient": 0.3}],
+                "initial": {"position": 1.0},
+                "final_time": 6.0,
+            }
+        )
+
+    of = quantity_at("x + ax + w*x", 4.3)
+    made = gradient(problem, "gauss6", 60, of, values)
+    named = gradient(problem(**values), "gauss6", 60, of, ["forcing.w", "forcing.p"])
+    for name, value in values.items():
+        sides = [
+            gradient(problem, "gauss6", 60, of, {**values, name: value + h}).value
+            for h in (1e-4, -1e-4)
+        ]
+        expected = pytest.approx((sides[0] - sides[1]) / 2e-4, rel=1e-6)
+        assert float(made[name]) == expected
+        assert float(named[f"forcing.{name}"]) == expected
+    alone = gradient(problem(**values), "gauss6", 60, quantity_at("x + ax", 4.3), ["forcing.w"])
+    assert float(alone["forcing.w"]) != pytest.approx(float(made["w"]), rel=1e-2)
