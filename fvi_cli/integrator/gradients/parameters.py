@@ -11,7 +11,7 @@ the time alone, which are differentiated by a rule of order four.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
@@ -44,6 +44,7 @@ RULE = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
 SPACING = 1e-3
 """Its spacing, relative: its error h^4 / 30 and round-off eps / h are both some 1e-13."""
 
+Function = Callable[[Array], Array]
 Described = tuple[Scene, Observations]
 """A scene, and the names in expressions along its motion."""
 
@@ -54,8 +55,9 @@ class Parameter:
 
     name: str  # in messages
     rates: Mapping[str, Array]
-    # rate of the gradient of a potential of a user, whose numbers have no names
-    gradient: Callable[[Array], Array] | None = None
+    # rates of functions of users, whose numbers have no names: of the gradient of a ``potential``
+    # and of components of forces, by their places
+    functions: Mapping[str, Function] = field(default_factory=dict)
 
     def of(self, number: str) -> Any:
         """The rate of one number."""
@@ -116,11 +118,9 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
         parts = {"size": law.size, "spring": law.spring, "coefficient": dense(law.inner)}
         found |= {f"laws.{k}.{n}": one for n, one in (parts | _of_kernel(law.kernel)).items()}
     found |= {name: getattr(scene, name) for name in ("initial_position", "initial_velocity")}
-    given = {"forcing": scene.forcing}
     if names is not None:
         found |= {f"names.{name}": one for name, one in names.parameters.items()}
-        given |= {f"inputs.{name}": one for name, one in names.inputs.items()}
-    for prefix, forcing in given.items():
+    for prefix, forcing in _forcings(scene, names).items():
         for place, component in _components(forcing, prefix):
             found |= {f"{place}.{name}": one for name, one in _of_component(component).items()}
     return {name: np.array(one, dtype=float) for name, one in found.items()}
@@ -183,16 +183,35 @@ def parameter_of(
     return Parameter(
         name=name,
         rates={key: rate for key, rate in rates.items() if rate.any()},
-        gradient=_between([one.potential for one, _ in sides], span),
+        functions=_rates_of_functions(_functions(*sides[0]), _functions(*sides[1]), span),
     )
 
 
-def _between(potentials: Sequence[Any], span: float) -> Callable[[Array], Array] | None:
-    """The central difference of the gradients of two potentials of a user."""
-    above, below = (getattr(one, "functions", None) for one in potentials)
-    if above is None or below is None or above is below:
-        return None
-    return lambda x: (np.asarray(above.gradient(x)) - np.asarray(below.gradient(x))) / span
+def _functions(scene: Scene, names: Observations) -> dict[str, Function]:
+    """Functions of users in a scene."""
+    own = getattr(scene.potential, "functions", None)
+    found: dict[str, Function] = {} if own is None else {"potential": own.gradient}
+    for prefix, forcing in _forcings(scene, names).items():
+        for place, one in _components(forcing, prefix):
+            if isinstance(one, FunctionForce):
+                found[place] = one.function
+    return found
+
+
+def _rates_of_functions(
+    above: Mapping[str, Function], below: Mapping[str, Function], span: float
+) -> dict[str, Function]:
+    """Central differences of the functions that differ."""
+
+    def rate(one: Function, other: Function) -> Function:
+        return lambda at: (np.asarray(one(at)) - np.asarray(other(at))) / span
+
+    return {name: rate(one, below[name]) for name, one in above.items() if one != below[name]}
+
+
+def _forcings(scene: Scene, names: Observations | None) -> dict[str, Forcing | None]:
+    inputs = {} if names is None else names.inputs
+    return {"forcing": scene.forcing} | {f"inputs.{name}": one for name, one in inputs.items()}
 
 
 def _form(scene: Scene, names: Observations) -> tuple[object, ...]:
@@ -206,7 +225,7 @@ def _form(scene: Scene, names: Observations) -> tuple[object, ...]:
         forces += [piece.until for piece in forcing.pieces] if forcing else [None]
         for _, one in _components(forcing, ""):
             own = formula_of(one)
-            forces += [own and own.system, getattr(one, "function", None)]
+            forces += [own and own.system, type(one)]
             forces.append(one.knots.tobytes() if isinstance(one, SampledForce) else b"")
     return (
         scene.derivative,
@@ -303,8 +322,8 @@ def rates_of_forces(
         momentum = velocity @ one.rates["mass"]
     if "stiffness" in one.rates:
         force = -position @ one.rates["stiffness"]
-    if one.gradient is not None:
-        force = force - one.gradient(position)
+    if "potential" in one.functions:
+        force = force - one.functions["potential"](position)
     if lagrangian is not None and (moved := one.under("lagrangian.")):
         system, values = _rate_of(lagrangian.first, lagrangian.parameters, moved)
         found = lagrangian.evaluate(system, position, velocity, time, values)
@@ -337,11 +356,12 @@ def rate_of_remainder(
 
 def rate_of_forcing(forcing: Forcing | None, one: Parameter, prefix: str) -> Forcing | None:
     """Derivative of a forcing; None if it is zero."""
-    if forcing is None or not one.under(f"{prefix}."):
+    moved = [*one.rates, *one.functions]
+    if forcing is None or not any(name.startswith(f"{prefix}.") for name in moved):
         return None
     rates = iter(
         [
-            _rate_of_component(own, one.under(f"{place}."))
+            _rate_of_component(own, one.under(f"{place}."), one.functions.get(place))
             for place, own in _components(forcing, prefix)
         ]
     )
@@ -352,8 +372,10 @@ def rate_of_forcing(forcing: Forcing | None, one: Parameter, prefix: str) -> For
     return Forcing(pieces=tuple(pieces))
 
 
-def _rate_of_component(component: ForceComponent, rates: Mapping[str, Any]) -> ForceComponent:
-    if not rates:
+def _rate_of_component(
+    component: ForceComponent, rates: Mapping[str, Any], function: Function | None
+) -> ForceComponent:
+    if not rates and function is None:
         return _ZERO
     formula, changed = formula_of(component), None
     if formula is not None:
@@ -365,7 +387,16 @@ def _rate_of_component(component: ForceComponent, rates: Mapping[str, Any]) -> F
         moved = np.zeros_like(component.coefficients) + rates.get("coefficients'", 0.0)
         return replace(component, coefficients=moved, formula=changed)
     if isinstance(component, FunctionForce):
-        return replace(component, factor=float(rates.get("factor'", 0.0)), formula=changed)
+        scaled = replace(component, factor=float(rates.get("factor'", 0.0)), formula=changed)
+        if function is None:
+            return scaled
+        acting = replace(component, function=function, formula=None)
+
+        def both(time: Array) -> Array:
+            at = {"t": time}
+            return np.add(acting.evaluate(at), scaled.evaluate(at))
+
+        return FunctionForce(function=both)
     return changed or _ZERO
 
 
