@@ -10,8 +10,14 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.gradients.entries import GradientEntry, entries_of
 from fvi_cli.integrator.gradients.gradient import gradient_of
+from fvi_cli.integrator.gradients.parameters import (
+    Described,
+    Entry,
+    Parameter,
+    entries_of,
+    parameter_of,
+)
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.method_names import method_name
@@ -87,9 +93,10 @@ def gradient(
     parameters
         For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
-        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``laws.0.order`` and similar; None:
-        all that have a derivative; `left_out` names the others. For a function its arguments with
-        their values.
+        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``forcing.<parameter>``,
+        ``laws.0.order`` and similar; None: all that have a derivative; `left_out` names the others.
+        For a function its arguments with their values: they may change numbers with names, no
+        numbers inside the text of formulas.
 
     Raises
     ------
@@ -114,55 +121,32 @@ def gradient(
     if not isinstance(chosen, Method):
         raise ValueError(f"method: {method_name(chosen)} keeps no polynomials; take a Gauss method")
     if isinstance(scene, Scene | Problem | Experiment):
-        subject = scene
-        entries = _named(_scene(subject), parameters)
-        parts = {one.name: list(one.variations()) for one in entries}
-        changes = [change for part in parts.values() for _, change in part]
-
-        def resolve_names(index: int, number: float) -> Observations:
-            potential = _scene(subject).potential
-            known = getattr(_scene(subject).lagrangian or potential, "parameters", {})
-            own = changes[index].name.partition(".")[2] if index >= 0 else ""
-            return _names(subject, {**known, own: number} if own in known else known)
-
+        entries = _named(_scene(scene), parameters)
+        own = _scene(scene).lagrangian or _scene(scene).potential
+        described = _described(scene, getattr(own, "parameters", {}))
+    elif not isinstance(parameters, Mapping):
+        raise ValueError("parameters: give the arguments of the function with their values")
     else:
-        if not isinstance(parameters, Mapping):
-            raise ValueError("parameters: give the arguments of the function with their values")
-        family, values = scene, {name: float(value) for name, value in parameters.items()}
-        subject = family(**values)
-        entries = [
-            GradientEntry(
-                name=name, value=np.array(value), family=partial(_made, family, values, name)
-            )
-            for name, value in values.items()
-        ]
-        parts = {one.name: list(one.variations()) for one in entries}
-        changes = [change for part in parts.values() for _, change in part]
-
-        def resolve_names(index: int, number: float) -> Observations:
-            own = {**values, changes[index].name: number} if index >= 0 else values
-            return _names(family(**own) if index >= 0 else subject, own)
-
-    found = gradient_of(
-        _scene(subject),
-        chosen,
-        steps,
-        quantity,
-        changes,
-        resolve_names,
-        leaves_out=parameters is None,
-    )
-    names = [one.name for one in entries for _ in parts[one.name]]
-    left_out = {names[index]: reason for index, reason in found.left_out.items()}
+        values = {name: float(value) for name, value in parameters.items()}
+        described = _described(scene(**values), values)
+        entries = {}
+        for name, value in values.items():
+            family = partial(_made, scene, values, name)
+            part = parameter_of(name, family, value, described)
+            entries[name] = Entry(value=np.array(value), parameter=partial(_whole, part))
+    changes = (one.parameter(index) for one in entries.values() for index in one.indices)
+    found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
+    left_out = found.left_out
+    if left_out and parameters is not None:
+        raise ValueError(next(iter(left_out.values())))
     rates = iter(found.derivatives.tolist())
     gathered = {
-        one.name: one.gathered({index: next(rates) for index, _ in parts[one.name]})
-        for one in entries
+        name: one.gathered([next(rates) for _ in one.indices]) for name, one in entries.items()
     }
     return Gradient(
         value=found.value,
-        derivatives={name: own for name, own in gathered.items() if name not in left_out},
-        left_out={name: left_out[name] for name in gathered if name in left_out},
+        derivatives={name: one for name, one in gathered.items() if name not in left_out},
+        left_out=left_out,
         n_steps=found.n_steps,
         step_solves=found.step_solves,
     )
@@ -207,9 +191,25 @@ def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
     return replace(given, parameters={**given.parameters, **own})
 
 
+def _described(subject: Subject, values: Mapping[str, float]) -> Described:
+    return _scene(subject), _names(subject, values)
+
+
+def _made(
+    family: Callable[..., Subject], values: Mapping[str, float], name: str, value: float
+) -> Described:
+    changed = {**values, name: value}
+    return _described(family(**changed), changed)
+
+
+def _whole(one: Parameter, index: tuple[int, ...]) -> Parameter:
+    """The parameter of a number, which has one part."""
+    return one
+
+
 def _named(
     scene: Scene, parameters: Sequence[str] | Mapping[str, float] | None
-) -> list[GradientEntry]:
+) -> dict[str, Entry]:
     if isinstance(parameters, Mapping):
         raise ValueError("parameters: their values stand in the scene; give names")
     known = entries_of(scene)
@@ -217,10 +217,4 @@ def _named(
     for name in names:
         if name not in known:
             raise ValueError(f"parameters: {name!r} is not one of {', '.join(known)}")
-    return [known[name] for name in names]
-
-
-def _made(
-    family: Callable[..., Subject], values: Mapping[str, float], name: str, value: Array
-) -> Scene:
-    return _scene(family(**{**values, name: float(value)}))
+    return {name: known[name] for name in names}

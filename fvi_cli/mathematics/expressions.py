@@ -22,7 +22,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
-from fvi_cli.mathematics.algebra.builder import Builder, Term, derivatives
+from fvi_cli.mathematics.algebra.builder import Builder, Term, bound, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, compute
 from fvi_cli.mathematics.algebra.syntax import EVERY_PERIOD, syntax_tree
 from fvi_cli.mathematics.arrays import Array
@@ -107,6 +107,19 @@ class Expression:
         named = tuple(sorted((constants or {}).items()))
         return cls(text, tuple(variables), named)
 
+    @classmethod
+    def of_number(
+        cls, value: float, name: str = "value'", variables: Sequence[str] = ()
+    ) -> Expression:
+        """A number as a constant with a name, by which programs are differentiated."""
+        system = FormulaSystem(instructions=(("variable", name),), outputs=(0,))
+        return cls(_number_as_text(value), tuple(variables), ((name, float(value)),), system)
+
+    @property
+    def bound(self) -> FormulaSystem:
+        """The program with the constants as numbers, for those who look at powers and factors."""
+        return bound(self.system, dict(self.constants)) if self.constants else self.system
+
     @property
     def names(self) -> frozenset[str]:
         """Variables that occur in it."""
@@ -128,21 +141,24 @@ class Expression:
 
     def times(self, factor: float) -> Expression:
         """The formula times a number."""
-        return self._with("*", f"({factor!r})*({self.text})", Expression.parse(float(factor)))
+        name = "factor'"
+        while name in dict(self.constants):
+            name += "'"
+        return self._with("*", f"({factor!r})*({self.text})", Expression.of_number(factor, name))
 
     def _with(self, kind: str, text: str, other: Expression) -> Expression:
         own, theirs = dict(self.constants), dict(other.constants)
         # a name that means something else in the other formula becomes a number
         mine = {name: own[name] for name in own if name in other.variables}
-        bound = {
+        fixed = {
             name: value
             for name, value in theirs.items()
             if name in self.variables or own.get(name, value) != value
         }
         builder = Builder()
-        (left,), (right,) = builder.include(self.system, mine), builder.include(other.system, bound)
+        (left,), (right,) = builder.include(self.system, mine), builder.include(other.system, fixed)
         pair = (right, left) if kind == "*" else (left, right)
-        kept = {name: value for name, value in theirs.items() if name not in bound}
+        kept = {name: value for name, value in theirs.items() if name not in fixed}
         kept |= {name: value for name, value in own.items() if name not in mine}
         return Expression(
             text,
@@ -361,7 +377,7 @@ def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, coun
                 raise ExpressionError("it divides by zero")
             if value is not None:
                 # a part that has constants only must be finite for their values
-                terms[0].builder.number(value)
+                Builder().number(value)
             first = (terms[0].builder.apply(kind, *terms), value)
     except ExpressionError as error:
         raise ExpressionError(error.message, _col(node)) from None

@@ -250,14 +250,16 @@ def build_forcing(
     *,
     final_time: float = math.inf,
     names: Sequence[str] = (),
+    parameters: Mapping[str, float] | None = None,
 ) -> Forcing | None:
-    """A force from the value under its key; None when it is 0."""
+    """A force from the value under its key, whose formulas keep parameters; None when it is 0."""
     if isinstance(value, str) and value == "0":
         return None
     pieces = []
     if isinstance(value, Mapping) and "pieces" in value:
         for index, piece in enumerate(value["pieces"]):
-            components = expressions(piece["value"], dimension, f"{key}.pieces.{index}.value")
+            place = f"{key}.pieces.{index}.value"
+            components = expressions(piece["value"], dimension, place, parameters)
             until = float(piece.get("until", math.inf))
             pieces.append(ForcingPiece(components=components, until=until))
         return Forcing(pieces=tuple(pieces))
@@ -265,7 +267,7 @@ def build_forcing(
     def component(entry: object, place: str) -> tuple[ForceComponent, float]:
         """A component, and the time from which on it is 0."""
         if not isinstance(entry, Mapping):
-            return _expression(entry, place), math.inf
+            return _expression(entry, place, parameters), math.inf
         try:
             return sampled_component(entry, final_time), end_of_samples(entry, final_time)
         except ValueError as error:
@@ -306,9 +308,13 @@ def _is_zero(component: ForceComponent) -> bool:
     return component.is_constant and component.evaluate({}) == 0
 
 
-def expressions(value: object, dimension: int, place: str) -> tuple[Expression, ...]:
+def expressions(
+    value: object, dimension: int, place: str, parameters: Mapping[str, float] | None = None
+) -> tuple[Expression, ...]:
     """Expressions in t, one for every coordinate, from a single one or from a list."""
-    return _per_coordinate(value, dimension, place, _expression)
+    return _per_coordinate(
+        value, dimension, place, functools.partial(_expression, parameters=parameters)
+    )
 
 
 def _per_coordinate(
@@ -321,14 +327,25 @@ def _per_coordinate(
     return tuple(read(entry, f"{place}.{index}") for index, entry in enumerate(value))
 
 
-def _expression(value: object, place: str) -> Expression:
+def _expression(
+    value: object, place: str, parameters: Mapping[str, float] | None = None
+) -> Expression:
     try:
-        return _parsed(str(value))
+        if isinstance(value, float | int) and not isinstance(value, bool):
+            return Expression.of_number(value, variables=("t",))
+        text = str(value)
+        known = parameters or {}
+        return _parsed(text, tuple((name, known[name]) for name in _named(text, known)))
     except ValueError as error:
         raise ArgumentError(place, str(error)) from None
 
 
+def _named(text: str, parameters: Mapping[str, float]) -> list[str]:
+    """Parameters that occur in a text."""
+    return sorted(parameters.keys() & set(_NAME.findall(text))) if parameters else []
+
+
 @functools.lru_cache(maxsize=1024)
-def _parsed(text: str) -> Expression:
+def _parsed(text: str, parameters: tuple[tuple[str, float], ...]) -> Expression:
     # cached, since thousands of members of a sweep have the same force
-    return Expression.parse(text, variables=("t",))
+    return Expression.parse(text, variables=("t",), constants=dict(parameters))

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent
-from fvi_cli.integrator.gradients.quantity import Quantity
-from fvi_cli.integrator.gradients.variation import Variation, disturbance, loads_of
+from fvi_cli.integrator.gradients.parameters import Parameter, disturbance, objection
+from fvi_cli.integrator.gradients.quantity import Formula, MotionAt, Quantity
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.request import Observations, names_of
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 
@@ -34,7 +31,7 @@ class RunGradient:
 
     value: float
     derivatives: Array  # nan for parameters that are left out
-    left_out: Mapping[int, str]  # indices of parameters without a derivative, and why
+    left_out: Mapping[str, str]  # names of parameters without a derivative, and why
     step_solves: int  # solved steps in addition to the run
     n_steps: int
 
@@ -61,51 +58,45 @@ def gradient_of(
     method: Method,
     steps: AnySteps,
     quantity: Quantity,
-    variations: Sequence[Variation],
-    resolve_names: NameResolver | None = None,
-    *,
-    leaves_out: bool = False,
+    parameters: Iterable[Parameter],
+    names: Observations | None = None,
 ) -> RunGradient:
     """Derivatives of one number by any number of parameters: one run, one adjoint sweep.
 
     By default the names in expressions are t and the coordinates, velocities, accelerations and
-    damping forces. A parameter without a derivative is an error, or is left out if `leaves_out`.
+    damping forces.
 
     Raises
     ------
     RunFailedError
         If the run stops early.
     ValueError
-        For times outside of the run, names that are not known, and a number without derivatives.
+        For times outside of the run, names that are not known, and a number that is not finite.
     """
-    named = resolve_names or (lambda index, value: Observations(coordinates=names_of(scene)))
-    expression = quantity.expression(named(-1, 0.0), scene)
+    named = names or Observations(coordinates=names_of(scene))
+    expression = quantity.expression(named, scene)
     run = LinearisedRun(scene, method, run_steps(scene, method, steps))
     formula = Formula(run, quantity.times, expression, named)
-    by_value = quantity.slopes(formula.values)
-    cotangent = run.adjoint(*formula.spread(by_value))
-
-    def rate(index: int, one: Variation) -> float:
-        through_motion = float(cotangent.along(disturbance(run, [one]))[0])
-        if not math.isfinite(found := through_motion + by_value @ formula.rate(index, one)):
-            raise ValueError(f"quantity: its derivative by {one.name} is not finite at these times")
-        return float(found)
-
     value = float(quantity.value(formula.values))
     if not math.isfinite(value):
         raise ValueError("quantity: it is not finite at these times")
-    derivatives, left_out = np.full(len(variations), math.nan), {}
+    by_value = quantity.slopes(formula.values)
+    cotangent = run.adjoint(*formula.spread(by_value))
+    derivatives, left_out = list[float](), dict[str, str]()
     # one after the other: a disturbance is as large as the run
-    for index, one in enumerate(variations):
-        try:
-            derivatives[index] = rate(index, one)
-        except ValueError as error:
-            if not leaves_out:
-                raise
-            left_out[index] = str(error)
+    for one in parameters:
+        found, wrong = math.nan, objection(scene, one) or formula.objection(one)
+        if not wrong:
+            found = float(cotangent.along(disturbance(run, [one]))[0])
+            found += float(by_value @ formula.rates(one))
+        if not (wrong or math.isfinite(found)):
+            wrong = f"quantity: its derivative by {one.name} is not finite at these times"
+        if wrong:
+            left_out.setdefault(one.name, wrong)
+        derivatives.append(found)
     return RunGradient(
         value=value,
-        derivatives=derivatives,
+        derivatives=np.array(derivatives),
         left_out=left_out,
         step_solves=run.step_solves,
         n_steps=run.steps.n_steps,
@@ -123,28 +114,33 @@ class Sensitivities:
     run: LinearisedRun
     change: Disturbance  # changes of its equations by the parameters
     tangent: Tangent  # changes of the motion
-    variations: Sequence[Variation]
+    parameters: Sequence[Parameter]
 
     def of(self, formula: Formula) -> Array:
-        """Derivatives of an expression at n times of the run, ``(n, p)``."""
-        return formula.rates(self.variations) + formula.changes(self.tangent, self.change)
+        """Derivatives of an expression at n times of the run, ``(n, p)``.
+
+        Raises
+        ------
+        ValueError
+            If it has none by one of the parameters.
+        """
+        for one in self.parameters:
+            if wrong := formula.objection(one):
+                raise ValueError(wrong)
+        found = formula.changes(self.tangent, self.change)
+        for column, one in enumerate(self.parameters):
+            found[:, column] += formula.rates(one)
+        return found
 
 
 def sensitivities(
-    scene: Scene,
-    method: Method,
-    steps: AnySteps,
-    times: Array,
-    variations: Sequence[Variation],
+    scene: Scene, method: Method, steps: AnySteps, times: Array, parameters: Sequence[Parameter]
 ) -> Sensitivities:
     """Derivatives of a motion by a few parameters: one run, one sweep with a column for each."""
-    if isinstance(steps, Mesh) and scene.is_linear:
-        run = linear_run(scene, method, steps)
-    else:
-        run = LinearisedRun(scene, method, run_steps(scene, method, steps))
+    run = LinearisedRun(scene, method, run_steps(scene, method, steps))
     motion = MotionAt(run.steps, run.steps.located(times))
     position, velocity = motion.motion()
-    change = disturbance(run, variations)
+    change = disturbance(run, parameters)
     tangent = run.tangent(change)
     by_position, by_velocity = (np.moveaxis(one, 0, -1) for one in motion.changes(tangent))
     return Sensitivities(
@@ -155,44 +151,5 @@ def sensitivities(
         run=run,
         change=change,
         tangent=tangent,
-        variations=variations,
+        parameters=parameters,
     )
-
-
-def linear_run(scene: Scene, method: Method, mesh: Mesh) -> LinearisedRun:
-    """A run of a linear scene on a mesh, ready for tangents and adjoints.
-
-    The motion is the response of the state of rest to initial data and loads, as disturbances, so
-    that the run and its derivatives share the tables of steps. Momenta at the points are not
-    computed.
-
-    Raises
-    ------
-    ValueError
-        If the equations of a step have no unique solution, or a step has too many unknowns.
-    """
-    tables, d = step_tables(method), scene.dimension
-    sizes = mesh.sizes
-    zero = np.zeros((sizes.size + 1, d))
-    stages = np.zeros((sizes.size, tables.points.size, d))
-    rest = RunSteps(
-        tables=tables,
-        time=mesh.times,
-        position=zero,
-        momentum=np.full_like(zero, np.nan),
-        step_size=sizes,
-        velocity=stages,
-    )
-    run = LinearisedRun(scene, method, rest)
-    loads = loads_of(run, scene, "of_forcing") + loads_of(run, scene, "of_initial_data")
-    loads -= run.loads_by(stages, run.changes_by_start(scene.initial_velocity))
-    motion = run.tangent(
-        Disturbance(
-            loads=loads[None],
-            position=scene.initial_position[None],
-            momentum=(scene.inertia.mass @ scene.initial_velocity)[None],
-            damping=stages[None],
-        )
-    )
-    run.steps = replace(rest, position=motion.position[0], velocity=motion.velocity[0])
-    return run

@@ -2,11 +2,17 @@ r"""The discrete equations of a run, linearised along it, and solved in both dir
 
 A disturbance of the scene changes the load vectors of the steps: with the motion held fixed it
 changes P by :math:`\partial P` and Q - F by :math:`\partial Q`, and so
-:math:`g_\nu = \sum_i b_i (l_\nu' \partial P_i + h l_\nu \partial Q_i)`. Blocks
-(:mod:`fvi_cli.integrator.gradients.equations`) pass on position, momentum and the states z of the
-memory,
+:math:`g_\nu = \sum_i b_i (l_\nu' \partial P_i + h l_\nu \partial Q_i)`.
 
-.. math:: (V, \Delta x, \Delta p) = P\,(x, p, R z) + G g, \qquad z' = A z + Q V.
+A block maps position x and momentum p at its beginning, the forces F of the past at its stages
+(term by term, without their matrices) and load vectors g to x and p after it, to the velocities V
+at its stages and to the positions X at the ends of its other steps,
+
+.. math:: (x', p', V, X) = T\,(x, p, F) + G g, \qquad z' = A z + Q V, \qquad F = R z,
+
+where z are the states of the memory. For equal steps of a linear scene the maps come from the
+engine's operator; otherwise every step has maps of its own, with the second derivatives at its
+stages.
 
 Solved forwards, this gives the effect of disturbances on the trajectory, one column for each.
 Solved backwards, all matrices transposed, it gives the effect of *all* disturbances on one number:
@@ -22,6 +28,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,12 +37,15 @@ from fvi_cli.integrator.balances.damping_along import PIECE, DampingAlong, piece
 from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine.law import law_of
-from fvi_cli.integrator.gradients.equations import Maps, maps_of_equal_steps, maps_of_steps
-from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.engine.frame import Frame, unit_tables
+from fvi_cli.integrator.engine.law import StepLaw, law_of
+from fvi_cli.integrator.engine.operator import Operator, step_matrix
+from fvi_cli.integrator.engine.tables import on_components, on_every_component
+from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.step_tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_STEP = 1500
@@ -44,8 +54,6 @@ LARGEST_BLOCK = 256
 """Most unknowns of a block of a linear scene."""
 AT_ONCE = 2**21
 """Most entries of the matrices P of steps that are computed together."""
-KEPT = 8
-"""Number of sequences of blocks of a linear scene whose tables are kept."""
 EQUAL_STEPS = 8
 """Steps are solved in blocks if at least this many, on average, have the same length."""
 
@@ -115,7 +123,6 @@ class LinearisedRun:
         self._damping = self._damping_of(self._terms, self.coefficients, np.zeros((1, self.d)))
         whole = [Decoupling(mass=scene.inertia.mass, modes=None)] if scene.is_linear else None
         self._law = law_of([scene], whole)
-        self._kept = dict[int, Maps]()
 
     @property
     def _size(self) -> int:
@@ -190,13 +197,12 @@ class LinearisedRun:
         """Changes of these, ``(f, p, n, m, d)``, by changes of velocities ``(p, n, m, d)``."""
         return self._plain(self._terms, velocity, np.zeros((len(velocity), self.d)))
 
-    def changes_by_start(self, velocity: Array) -> Array:
-        """Change of F by a change ``(d,)`` of the start velocity that is subtracted."""
+    def plain_by_start(self, velocity: Array) -> Array:
+        """Changes of these by a start velocity ``(d,)`` that is subtracted, ``(f, n, m, d)``."""
         rest = np.zeros_like(self.steps.velocity)
         if not (velocity.any() and self._damping.is_relative):
-            return rest
-        plain = self._plain(self._terms, rest[None], velocity[None])
-        return damped(plain[:, 0], self.coefficients)
+            return np.zeros((len(self._terms), *rest.shape))
+        return self._plain(self._terms, rest[None], velocity[None])[:, 0]
 
     # --- from block to block ---
 
@@ -217,24 +223,17 @@ class LinearisedRun:
         return [BlockSequence(first, min(together, sizes.size - first), 1) for first in firsts]
 
     def _maps(self, blocks: BlockSequence) -> Maps:
-        if (kept := self._kept.get(blocks.first)) is not None:
-            # tables of linear scenes are used for the motion and for its changes
-            return kept
         sizes, common = self.steps.step_size, (self._law, self.method, self._damping)
         try:
             if self._is_regular:
                 h = float(sizes[blocks.first])
-                maps = maps_of_equal_steps(*common, h, blocks.count, blocks.number)
-            else:
-                position, velocity, time = (one[blocks.steps] for one in self.points)
-                maps = maps_of_steps(*common, sizes[blocks.steps], (position, velocity, time))
+                return maps_of_equal_steps(*common, h, blocks.count, blocks.number)
+            position, velocity, time = (one[blocks.steps] for one in self.points)
+            return maps_of_steps(*common, sizes[blocks.steps], (position, velocity, time))
         except np.linalg.LinAlgError:
             raise ValueError(
                 "derivatives: the linearised equations of a step have no unique solution"
             ) from None
-        if self.scene.is_linear and len(self._kept) < KEPT:
-            self._kept[blocks.first] = maps
-        return maps
 
     def _sweep(
         self, maps: Maps, given: Array, found: Array, end: Array, states: Array, *, back: bool
@@ -385,3 +384,142 @@ def _equal_steps(sizes: Array, longest: int) -> Iterator[BlockSequence]:
             blocks = (end - done) // count
             yield BlockSequence(done, blocks, count)
             done += blocks * count
+
+
+# --- maps of blocks ---
+
+Points = tuple[Array, Array, Array]
+"""Positions ``(n, m, d)``, velocities and times ``(n, m)`` at the stages of n steps."""
+
+
+class Maps(NamedTuple):
+    """Tables of k blocks of B steps; the first axis has one table for all blocks, or one for each.
+
+    Tables of the memory are for u different lengths of steps, f terms and J states.
+    """
+
+    by_state: Array  # T, (1 or k, (1 + B + B m) d, (2 + f B m) d)
+    by_load: Array  # G, (1 or k, (1 + B + B m) d, B (s + 1) d)
+    which: list[int]  # index of the step length of every block, (k,)
+    local: Array  # from velocities of a block to its forces, (f, u, B m, B m)
+    response: Array  # from states at its beginning to its forces, (u, f B m, J)
+    intake: Array  # from velocities of a block to states after it, (u, J, B m)
+    decay: Array  # factors of the states over a block, (u, J, 1)
+
+
+def maps_of_equal_steps(
+    law: StepLaw, method: Method, damping: Damping, h: float, count: int, blocks: int
+) -> Maps:
+    """Tables of blocks of equal steps of a linear scene.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If their equations have no unique solution.
+    """
+    d = damping.start_velocity.shape[-1]
+    frame = Frame(unit_tables(method, count, d, False), damping, h, count)
+    at = law.linearise(np.zeros((1, d)), None, 0.0)
+    operator = Operator(frame, at, damping, is_linear=True)
+    if operator.singular.any():
+        raise np.linalg.LinAlgError
+    assert frame.damping is not None
+    kernels = frame.damping.kernels
+    assert isinstance(kernels, ExponentialKernels)
+    return Maps(
+        *_arranged(damping, operator.outputs, operator.outputs_of_loads, count),
+        which=[0] * blocks,
+        local=np.array(frame.damping.local),
+        response=_by_term(damping, kernels.response[None]),
+        intake=kernels.intake[None],
+        decay=1.0 + kernels.change[None, :, None],
+    )
+
+
+def maps_of_steps(
+    law: StepLaw, method: Method, damping: Damping, sizes: Array, points: Points
+) -> Maps:
+    """Tables of n steps of any lengths, linearised at the points of each.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the equations of one have no unique solution.
+    """
+    assert isinstance(damping.memory, Exponentials)
+    t = step_tables(method)
+    to_inputs = t.to_inputs
+    lengths, which = np.unique(sizes, return_inverse=True)
+    by_term, response, intake, change = damping.memory.of_steps(lengths)
+    local = np.array([one.combine(by_term.swapaxes(0, 1))[0] for one in damping.combinations])
+    position, velocity, time = points
+    n, m, d = position.shape
+    s, h = t.degree, sizes[:, None, None]
+    unit = unit_tables(method, 1, d, law.has_rates)
+    at_stages = np.concatenate([position, velocity], axis=2) if law.has_rates else position
+    at, _ = law.expand(np.zeros((1, d)), at_stages, time)
+    stiffness = at.stiffness if at.stiffness.ndim == 4 else at.stiffness[:, None]
+    stiffness = np.broadcast_to(stiffness, (n, m, d, d))
+    damp = h * (t.test_weights[:-1] @ local[:, which] @ to_inputs)
+    matrices = [one.matrices for one in damping.combinations]
+    inverse = np.linalg.inv(step_matrix(unit, at, h, list(damp), matrices))
+    by_load = np.concatenate([-inverse, np.zeros((n, s * d, d))], axis=2)
+    # at a stage K and C act on the position at the beginning as on the displacement from there
+    mixed = [] if at.mixed is None else [at.mixed]
+    moved = np.concatenate([*mixed, -stiffness], axis=2).reshape(n, -1, d)
+    tests, at_points = h * unit.tests[-1], h * unit.points[0]
+    if mixed:
+        tests, at_points = tests + unit.tests[0], at_points + unit.points[1]
+    by_force = -by_load @ on_every_component(h * t.test_weights, d)
+    unknowns = np.concatenate(
+        [by_load @ (tests @ moved), -inverse[..., :d], by_force, by_load], axis=2
+    )
+    weighted = h[..., None] * t.weights[:, None, None]
+    turned = [one.swapaxes(2, 3) for one in mixed]
+    pulled = weighted * np.concatenate([-stiffness, *turned], axis=3)
+    gained = pulled.swapaxes(1, 2).reshape(n, d, -1) @ at_points
+    for table, matrix in zip((h * t.weights) @ local[:, which] @ to_inputs, matrices, strict=True):
+        gained = gained - on_components(table, matrix)
+    momentum = gained @ unknowns
+    momentum[..., :d] -= (weighted * stiffness).sum(axis=1)
+    begin = (2 + m) * d
+    momentum[..., 2 * d : begin] -= on_every_component(h * t.weights, d)
+    momentum[..., begin:] += np.tile(np.eye(d), s + 1)
+    inputs = np.matmul(to_inputs, unknowns.reshape(n, s, -1)).reshape(n, m * d, -1)
+    rows = np.concatenate([inputs, h * unknowns[:, -d:], momentum], axis=1)
+    return Maps(
+        *_arranged(damping, rows[..., :begin], rows[..., begin:], 1),
+        which=which.tolist(),
+        local=local,
+        response=_by_term(damping, response),
+        intake=intake,
+        decay=1.0 + change[..., None],
+    )
+
+
+def _arranged(damping: Damping, by_state: Array, by_load: Array, count: int) -> tuple[Array, Array]:
+    """T and G from rows of velocities and of changes of position and momentum.
+
+    Rows are (V, changes at the ends of all steps), columns position, momentum and the whole force.
+    """
+    d = damping.start_velocity.shape[-1]
+    k, rows, _ = by_state.shape
+    of_position = slice(rows - 2 * count * d, rows - count * d)
+    whole = by_state.copy()
+    whole[:, of_position, :d] += np.tile(np.eye(d), (count, 1))
+    whole[:, -d:, d : 2 * d] += np.eye(d)
+    by_force = whole[..., 2 * d :].reshape(k, -1, d)
+    terms = [np.matmul(by_force, one.matrices).reshape(k, rows, -1) for one in damping.combinations]
+    whole = np.concatenate([whole[..., : 2 * d], *terms], axis=2)
+    order = np.arange(rows)
+    inner, last = order[of_position][:-d], order[of_position][-d:]
+    order = np.concatenate([last, order[-d:], order[: of_position.start], inner])
+    return whole[:, order], by_load[:, order]
+
+
+def _by_term(damping: Damping, response: Array) -> Array:
+    """Responses ``(u, B m, J)`` with the weights of every term, ``(u, f B m, J)``."""
+    weights = np.array([one.weights[0] for one in damping.combinations])
+    u, samples, states = response.shape
+    found = weights[:, None] * response[:, None]
+    return np.asarray(found.reshape(u, len(weights) * samples, states))

@@ -1,18 +1,51 @@
-"""Numbers that are computed from a trajectory at any times."""
+r"""Numbers that are computed from a trajectory at any times, and expressions along it with slopes.
+
+A value depends on position and velocity, on the damping force F there (the polynomial through
+its values at the stages), and on the numbers of the scene. Through an acceleration
+
+.. math:: M a = f - \nabla V(x) - F, \qquad
+          L_{vv} a = L_x - L_{vx} v - L_{vt} + f - F
+
+it depends on all of them; the right-hand sides are differentiated with a held fixed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Tangent, damped
+from fvi_cli.integrator.gradients.parameters import (
+    Parameter,
+    by_initial_loads,
+    memory_rates,
+    moves_initial_loads,
+    rate_of_forcing,
+    rate_of_remainder,
+)
+from fvi_cli.integrator.observations.dampers import (
+    TOGETHER,
+    DamperForce,
+    damper_alone,
+    damper_values,
+    dampers_of,
+    forces_along,
+)
+from fvi_cli.integrator.observations.motion import DenseMotion
+from fvi_cli.integrator.observations.observer import Observer
 from fvi_cli.integrator.observations.request import Observations, known_names
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.expressions import Expression, slopes_of
+from fvi_cli.mathematics.lagrange import lobatto_basis
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -145,3 +178,277 @@ def misfit(
         value=value,
         slopes=lambda values: (values - measured) / deviation**2,
     )
+
+
+class MotionAt:
+    """Positions, velocities and damping forces of a run at k places, ``(k,)`` each."""
+
+    def __init__(self, steps: RunSteps, places: tuple[Places, Array]) -> None:
+        self._steps, self._places, self._which = steps, places, places[0]
+        basis, tables = lobatto_basis(steps.tables.degree), steps.tables
+        displacement = steps.step_size[self._which] * basis.values(places[1])[1:]
+        # factors of velocities at the stages, and of other values there
+        by_unknowns = np.stack([displacement.T, basis.derivatives(places[1])[1:].T])
+        self._rows = by_unknowns @ tables.to_unknowns
+        self._of_stages = np.ones((self._which.size, 1))
+        if tables.points.size > 1:
+            self._of_stages = np.ascontiguousarray(tables.stage_basis.values(places[1]).T)
+
+    def motion(self) -> tuple[Array, Array]:
+        """Positions and velocities, each ``(k, d)``."""
+        return self._steps.position_in(*self._places), self._steps.velocity_in(*self._places)
+
+    def changes(self, tangent: Tangent) -> tuple[Array, Array]:
+        """Changes of positions and velocities by disturbances, each ``(p, k, d)``."""
+        stages = tangent.velocity[:, self._which]
+        displacement, velocity = np.einsum("ikr,pkrd->ipkd", self._rows, stages)
+        return tangent.position[:, self._which] + displacement, velocity
+
+    def force_changes(self, force: Array) -> Array:
+        """Changes of a force from those at the stages, ``(p, k, d)``."""
+        return np.asarray(np.einsum("kr,pkrd->pkd", self._of_stages, force[:, self._which]))
+
+    def spread(self, by_position: Array, by_velocity: Array) -> tuple[Array, Array]:
+        """Derivatives by mesh points and velocities at the stages, from those by the motion."""
+        by_motion = np.stack([by_position, by_velocity])
+        n = len(self._steps.position)
+        return (
+            self._gathered(by_position, n),
+            self._gathered(np.einsum("ikr,ikd->krd", self._rows, by_motion), n - 1),
+        )
+
+    def spread_force(self, by_force: Array) -> Array:
+        """Derivatives by a force at the stages, ``(n, r, d)``, from those by the force."""
+        own = np.einsum("kr,kd->krd", self._of_stages, by_force)
+        return self._gathered(own, self._steps.n_steps)
+
+    def _gathered(self, values: Array, count: int) -> Array:
+        """Sums over the places of every step."""
+        found = np.zeros((count, *values.shape[1:]))
+        np.add.at(found, self._which, values)
+        return found
+
+
+class _Slopes(NamedTuple):
+    """Derivatives of n values, ``(n, d)`` each, with what is named last held fixed."""
+
+    position: Array
+    velocity: Array
+    force: Array  # by forces from outside, through accelerations
+    damping: Array  # by the force F of all damping, through accelerations as well
+    # by the forces of terms and laws without their matrices, by their places
+    terms: Mapping[int, Array]
+
+
+class _Share(NamedTuple):
+    """Derivatives ``(n,)`` by one component of the force of a damper."""
+
+    place: int  # among the dampers
+    component: int
+    values: Array
+
+
+class Formula:
+    """An expression at n times of a run, in the names of its motion: its values, ``(n,)``.
+
+    Raises
+    ------
+    ValueError
+        For times outside of the run.
+    """
+
+    def __init__(
+        self, run: LinearisedRun, times: Array, expression: Expression, names: Observations
+    ) -> None:
+        self._run, self._names, scene = run, names, run.scene
+        used = expression.names
+        kinds = {prefix for name, (prefix, _) in names.derived.items() if name in used}
+        force = damped(run.plain_forces, run.coefficients) if kinds & {"a", "d"} else None
+
+        def forces(place: int | None) -> Sequence[Array | None]:
+            if place is None:
+                return (None if force is None else force[None],)
+            return forces_along([scene], run.method, [run.steps], place)
+
+        self._motion = DenseMotion(scenes=(scene,), steps=(run.steps,), find_forces=forces)
+        self._places = places = self._motion.located(0, times)
+        self._at = MotionAt(run.steps, places)
+        observer = Observer(self._motion, [names])
+        self.values = observer.along(expression)(*places)
+        known = {**names.parameters, **observer.variables(expression, *places)}
+        dampers, n = damper_values(scene), times.size
+        wanted = {*names.derived, *names.inputs, *names.parameters, *dampers}
+        found = slopes_of(expression, known, wanted)
+        self._by_name = {name: np.broadcast_to(one, n) for name, one in found.items()}
+        self._by_damper = [
+            (dampers[name].kind, _Share(place, dampers[name].component, one))
+            for name, one in self._by_name.items()
+            if name in dampers and name not in {*names.derived, *names.parameters}
+            for place in self._dampers(dampers[name].place)
+        ]
+
+    def _dampers(self, place: int) -> range:
+        every = range(len(dampers_of(self._run.scene)))
+        return every if place == TOGETHER else range(place, place + 1)
+
+    @cached_property
+    def _slopes(self) -> _Slopes:
+        scene = self._run.scene
+        by = np.zeros((4, self.values.size, scene.dimension))
+        position, velocity, acceleration, damping = by
+        rows = {"": position, "v": velocity, "a": acceleration, "d": damping}
+        for name, rate in self._by_name.items():
+            if name in self._names.derived:
+                prefix, index = self._names.derived[name]
+                rows[prefix][:, index] = rate
+        terms = dict[int, Array]()
+        for kind, share in self._by_damper:
+            parts = _parts(scene, share.place)
+            if kind == "deformation":
+                position += share.values[:, None] * _row(parts[0][1], np.eye(_size(parts)), share)
+                continue
+            for place, one in parts:
+                row = share.values[:, None] * _row(one, dense(one.inner), share)
+                size = 1.0
+                if isinstance(one, Law):
+                    size = one.size
+                    position += one.spring * row
+                terms[place] = size * row + terms.get(place, 0.0)
+        force = np.zeros_like(position)
+        if acceleration.any():
+            moved, turned, force = _through_accelerations(self._motion, self._places, acceleration)
+            position, velocity = position + moved, velocity + turned
+        return _Slopes(position, velocity, force, -damping - force, terms)
+
+    def objection(self, one: Parameter) -> str:
+        """Why the values have no derivative by a parameter; empty if they have one."""
+        scene, by = self._run.scene, self._slopes
+        if scene.derivative == "caputo" or not scene.acts_above_order_1:
+            return ""
+        if not np.any(one.of("initial_velocity")) or not (by.damping.any() or by.terms):
+            return ""
+        return (
+            f"{one.name}: forces of Riemann-Liouville derivatives above order 1 with a start "
+            "velocity keep an error of the first step; use caputo"
+        )
+
+    def spread(self, by_value: Array) -> tuple[Array, Array, Array | None, Array | None]:
+        """The arguments of :meth:`LinearisedRun.adjoint`, from derivatives by the values."""
+        by, weights, terms = self._slopes, by_value[:, None], None
+        if by.terms:
+            terms = np.zeros((len(self._run.coefficients), *self._run.steps.velocity.shape))
+            for place, one in by.terms.items():
+                terms[place] = self._at.spread_force(weights * one)
+        whole = self._at.spread_force(weights * by.damping) if by.damping.any() else None
+        return (*self._at.spread(weights * by.position, weights * by.velocity), whole, terms)
+
+    def changes(self, tangent: Tangent, change: Disturbance) -> Array:
+        """Derivatives by parameters through the motion, ``(n, p)``."""
+        by = self._slopes
+        pairs = list(zip((by.position, by.velocity), self._at.changes(tangent), strict=True))
+        if by.damping.any() or by.terms:
+            plain = tangent.plain_forces
+            whole = np.add(change.damping, damped(plain, self._run.coefficients))
+            pairs += [
+                (by, self._at.force_changes(one))
+                for by, one in [(by.damping, whole), *((by.terms[k], plain[k]) for k in by.terms)]
+            ]
+        return np.asarray(sum(np.einsum("nd,pnd->np", by, one) for by, one in pairs))
+
+    def rates(self, one: Parameter) -> Array:
+        """Derivatives by a parameter with the motion held fixed, ``(n,)``.
+
+        The force of all damping is held fixed as well, the force of a single damper is not.
+        """
+        total, scene, by = np.zeros(self.values.size), self._run.scene, self._slopes
+        time = self._motion.time(*self._places)
+        for name, slope in self._by_name.items():
+            total += slope * one.of(f"names.{name}")
+            given = rate_of_forcing(self._names.inputs.get(name), one, f"inputs.{name}")
+            if given is not None:
+                total += slope * given(time)[:, 0]
+        if by.force.any():
+            acted = rate_of_remainder(
+                scene,
+                one,
+                self._motion.position(*self._places),
+                self._motion.velocity(*self._places),
+                self._motion.acceleration(*self._places),
+                time,
+            )
+            if (forcing := rate_of_forcing(scene.forcing, one, "forcing")) is not None:
+                acted = acted + forcing(time)
+            total += (by.force * acted).sum(axis=1)
+        moves = moves_initial_loads(scene, one)
+        if moves and by.damping.any():
+            acted = by_initial_loads(scene, one, lambda own: own.initial_force(time))
+            total -= (by.damping * acted).sum(axis=1)
+        shares = [share for kind, share in self._by_damper if kind == "force"]
+        return total + self._rates_of_dampers(one, shares, time, moves) if shares else total
+
+    def _rates_of_dampers(
+        self, one: Parameter, shares: Sequence[_Share], time: Array, moves_loads: bool
+    ) -> Array:
+        """The part of forces of single dampers."""
+        scene, rates = self._run.scene, memory_rates(self._run, one)
+        position, total = self._motion.position(*self._places), np.zeros(self.values.size)
+        for share in shares:
+            for place, term in _parts(scene, share.place):
+                plain = np.stack([self._run.plain_forces[place], rates.plain[place]])
+                own, moved = self._at.force_changes(plain)
+                inner, size = dense(term.inner), 1.0
+                found = own @ _row(term, rates.matrices[place], share)
+                if isinstance(term, Law):
+                    key, size = f"laws.{place - len(scene.damping)}", term.size
+                    spring = one.of(f"{key}.spring") * inner
+                    spring = spring + term.spring * one.of(f"{key}.coefficient")
+                    if np.any(spring):
+                        found += position @ _row(term, spring, share)
+                total += share.values * (found + size * moved @ _row(term, inner, share))
+            if moves_loads:
+                acted = by_initial_loads(scene, one, partial(_initial_force, share.place, time))
+                total -= share.values * acted[:, share.component]
+        return total
+
+
+def _initial_force(place: int, time: Array, scene: Scene) -> Array:
+    """What the initial data add to the force of a damper, ``(n, c)``."""
+    return damper_alone(scene, place).initial_force(time)
+
+
+def _parts(scene: Scene, place: int) -> list[tuple[int, DamperForce]]:
+    """The terms and laws of a damper, with their places among all of the scene."""
+    every = [*scene.damping, *scene.laws]
+    return [(every.index(one), one) for one in dampers_of(scene)[place]]
+
+
+def _size(parts: Sequence[tuple[int, DamperForce]]) -> int:
+    """Number of components of a deformation."""
+    return int(parts[0][1].inner.shape[0])
+
+
+def _row(damper: DamperForce, matrix: Array, share: _Share) -> Array:
+    """A row of a matrix on the deformation as one on the coordinates, ``(d,)``."""
+    row = matrix[share.component]
+    return row if damper.factored is None else np.asarray(row @ damper.factored.rows)
+
+
+def _through_accelerations(
+    motion: DenseMotion, places: tuple[Places, Array], weights: Array
+) -> Array:
+    """Derivatives of ``sum(weights * a)`` by position, velocity and force, ``(3, n, d)``."""
+    scene: Scene = motion.scenes[0]
+    lagrangian, time = scene.lagrangian, motion.time(*places)
+    position, velocity = motion.position(*places), motion.velocity(*places)
+    if lagrangian is None:
+        share = scene.inertia.velocity(weights)
+        by_motion = np.zeros((2, *weights.shape))
+        if scene.potential is not None:
+            hessian = scene.potential.hessian(position)
+            by_motion[0] = -np.einsum("nab,nb->na", hessian, share)
+        return np.stack([*by_motion, share])
+    acceleration = motion.acceleration(*places)
+    mass = lagrangian.derivatives(position, velocity, time).mass
+    share = np.asarray(np.linalg.solve(mass, weights[..., None])[..., 0], dtype=float)
+    slopes = lagrangian.remainder_slopes(position, velocity, acceleration, time)
+    return np.stack([*np.einsum("nd,nkbd->knb", share, slopes), share])

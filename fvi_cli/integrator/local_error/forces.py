@@ -145,4 +145,4 @@ def _systems(scene: Scene) -> Iterator[FormulaSystem]:
         yield scene.lagrangian.first
     for component in () if scene.forcing is None else scene.forcing.components:
         if (formula := formula_of(component)) is not None:
-            yield formula.system
+            yield formula.bound

@@ -51,7 +51,7 @@ def sample_forces(scene: Scene) -> ForceSamples:
     for piece in () if scene.forcing is None else scene.forcing.pieces:
         for component, _ in piece.distinct:
             formula = formula_of(component)
-            if formula is None or not may_hide(formula.system):
+            if formula is None or not may_hide(formula.bound):
                 continue
             first, last = np.rint(
                 np.array([begin, piece.until]).clip(0, scene.final_time) / spacing

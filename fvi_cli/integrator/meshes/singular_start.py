@@ -125,7 +125,7 @@ def _fractional_powers(component: ForceComponent, at: float) -> tuple[float, ...
     formula = formula_of(component)
     if formula is None:
         return (UNKNOWN_FORCE,) if isinstance(component, FunctionForce) else ()
-    system, roots = formula.system, []
+    system, roots = formula.bound, []
     for place in system.needed:
         kind, *rest = system.instructions[place]
         power = float(rest[1]) if kind == "**" else _ROOTS.get(str(kind), 1.0)

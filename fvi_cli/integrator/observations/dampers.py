@@ -95,7 +95,7 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     return found
 
 
-def _damper_alone(scene: Scene, place: int) -> Scene:
+def damper_alone(scene: Scene, place: int) -> Scene:
     """A scene of one damper with its deformation as coordinates."""
     parts = dampers_of(scene)[place]
     single = [replace(one, coefficient=one.inner) for one in parts]
@@ -129,7 +129,7 @@ def forces_along(
             deformation_of(scene, damper, one)
             for scene, one in zip(scenes, velocities, strict=True)
         ]
-        scenes = [_damper_alone(scene, damper) for scene in scenes]
+        scenes = [damper_alone(scene, damper) for scene in scenes]
     found: list[Array | None] = [None] * len(scenes)
     groups: dict[Hashable, list[int]] = {}
     for index, (scene, run) in enumerate(zip(scenes, runs, strict=True)):
@@ -161,7 +161,7 @@ def spring_force(scene: Scene, place: int, deformation: Array, time: Array) -> A
     """
     total = np.zeros_like(deformation)
     if scene.initial_loads:
-        total -= _damper_alone(scene, place).initial_force(time)
+        total -= damper_alone(scene, place).initial_force(time)
     for one in dampers_of(scene)[place]:
         if isinstance(one, Law):
             total += one.spring * times(deformation, one.inner)

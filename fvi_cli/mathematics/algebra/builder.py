@@ -78,21 +78,17 @@ class Builder:
         self,
         system: FormulaSystem,
         bound: Mapping[str, float | Term] | None = None,
-        named: Mapping[int, str] | None = None,
     ) -> dict[int, Term]:
         """Copy another program into this one; the new terms by the places of that program.
 
-        `bound` replaces variables by numbers or by terms of this builder, `named` replaces
-        numbers and exponents, given by their places, by variables.
+        `bound` replaces variables by numbers or by terms of this builder.
         """
         found: dict[int, Term] = {}
-        names, values = named or {}, bound or {}
+        values = bound or {}
         for place in system.needed:
             kind, *rest = system.instructions[place]
             number: Term | None = None
-            if place in names:
-                number = self.variable(names[place])
-            elif kind in ("number", "**"):
+            if kind in ("number", "**"):
                 number = self.number(float(rest[-1]))
             elif kind == "variable" and rest[0] in values:
                 value = values[str(rest[0])]

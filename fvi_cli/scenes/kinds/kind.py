@@ -163,11 +163,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
         return build_forcing(
-            with_parameters(vars(self))[name],
+            getattr(self, name),
             len(names) if name == "forcing" else 1,
             name,
             final_time=float(self.final_time),
             names=names,
+            parameters=self.parameters,
         )
 
     def build_problem(self, *, search: bool = True) -> Problem:

@@ -11,11 +11,13 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import RunFailedError, run_steps
-from fvi_cli.integrator.gradients.variation import Variation
+from fvi_cli.integrator.gradients.parameters import Described, parameter_of
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.registry import build_scene
+from fvi_cli.scenes.registry import build_problem, build_scene
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel
 from fvi_cli.studies.members import with_values
@@ -202,23 +204,34 @@ class MotionModel:
         self, number: int, data: DataSet, values: Array, own: Sequence[int]
     ) -> Predicted:
         """Values of the model for a data set, with derivatives by some of the parameters."""
-        variations = [
-            Variation(
-                family=partial(self.scene, number, values, index),
-                value=float(values[index]),
-                name=self.free[index].key,
+        described = self._described(number, values)
+        parameters = [
+            parameter_of(
+                self.free[index].key,
+                partial(self._described, number, values, index),
+                float(values[index]),
+                described,
             )
             for index in own
         ]
-        scene = self.scene(number, values)
         if data.forces:
             direction = self.model.specification.get("ground_direction", 1.0)
-            return predict_response(scene, data, variations, direction)
+            return predict_response(described[0], data, parameters, direction)
+        return predict_motion(described, self.meshes[number], data, parameters)
 
-        def specified(column: int, value: float) -> Mapping[str, Any]:
-            return self._specified(number, values, own[column] if column >= 0 else -1, value)
-
-        return predict_motion(scene, self.meshes[number], data, variations, specified)
+    def _described(
+        self, number: int, values: Array, index: int = -1, value: float = 0.0
+    ) -> Described:
+        """The scene of one data set, and the names in the formulas of its columns."""
+        scene, data = self.scene(number, values, index, value), self.data[number]
+        names = Observations(coordinates=data.coordinates)
+        known = {*known_names(data.coordinates), *damper_values(scene)}
+        used = [one.formula.names for one in data.series if one.formula is not None]
+        if any(one - known for one in used):
+            specified = self._specified(number, values, index, value)
+            problem = build_problem(specified, search=False)
+            names = replace(names, parameters=problem.numbers, inputs=problem.inputs)
+        return scene, names
 
     def curves(self, inner: Array, count: int) -> list[Array]:
         """For every series times and fitted values, for a figure, shape ``(2, count)``."""

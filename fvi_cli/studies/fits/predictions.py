@@ -3,45 +3,35 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.forcing import Forcing
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.formula import Formula, MotionAt, NameResolver
 from fvi_cli.integrator.gradients.gradient import run_steps, sensitivities
-from fvi_cli.integrator.gradients.variation import Variation, differentiate
+from fvi_cli.integrator.gradients.linearised import LinearisedRun
+from fvi_cli.integrator.gradients.parameters import Described, Parameter, symbol_rates
+from fvi_cli.integrator.gradients.quantity import Formula, MotionAt
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.dampers import damper_values, dampers_of, forces_along
-from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.observer import Observer
-from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.scenes.registry import build_problem
-from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
+from fvi_cli.scenes.data import per_coordinate
+from fvi_cli.studies.fits.settings import Amplitude, DataSet
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
-from fvi_cli.studies.vibration.response import harmonic_force
+from fvi_cli.studies.vibration.response import ground_amplitude, harmonic_force
 
 Predicted = list[tuple[Array, Array]]
 """For every series a pair: values, ``(n,)``, and derivatives by p parameters, ``(n, p)``."""
-Specified = Callable[[int, float], Mapping[str, Any]]
-"""From the index of a parameter and its value to the ``problem`` mapping."""
-
 METHOD = Method(cq="gauss", degree=8, start="none")
 """The method by which motions are computed."""
 
 
 def predict_motion(
-    scene: Scene,
-    steps: AnySteps,
-    data: DataSet,
-    variations: Sequence[Variation],
-    specified: Specified,
+    described: Described, steps: AnySteps, data: DataSet, parameters: Sequence[Parameter]
 ) -> Predicted:
     """Predict the measured columns of a motion.
 
@@ -50,17 +40,18 @@ def predict_motion(
     RunFailedError
         If the run does not come to its end.
     """
+    scene, names = described
     if scene.prescribed is not None:
-        return _predict_prescribed(scene, steps, data, variations, specified)
+        return _predict_prescribed(described, steps, data, parameters)
     times = np.unique(np.concatenate([one.times for one in data.series]))
     formulas = [one for one in data.series if one.formula is not None]
-    if not variations and not formulas:
+    if not parameters and not formulas:
         done = run_steps(scene, METHOD, steps)
         motion = MotionAt(done, done.located(times)).motion()
         empty = np.zeros((times.size, scene.dimension, 0))
         changes = (empty, empty)
     else:
-        found = sensitivities(scene, METHOD, steps, times, variations)
+        found = sensitivities(scene, METHOD, steps, times, parameters)
         motion = (found.position, found.velocity)
         changes = (found.by_position, found.by_velocity)
     predicted = []
@@ -69,7 +60,6 @@ def predict_motion(
         if one.formula is None:
             values, slopes = (each[kind][places, one.component] for each in (motion, changes))
         else:
-            names = _resolve_names(one, data, specified, damper_values(scene))
             formula = Formula(found.run, one.times, one.formula, names)
             values, slopes = formula.values, found.of(formula)
         predicted.append((values, slopes))
@@ -77,61 +67,24 @@ def predict_motion(
 
 
 def _predict_prescribed(
-    scene: Scene,
-    steps: AnySteps,
-    data: DataSet,
-    variations: Sequence[Variation],
-    specified: Specified,
+    described: Described, steps: AnySteps, data: DataSet, parameters: Sequence[Parameter]
 ) -> Predicted:
     """Predict forces of dampers whose displacement is given, the same for all parameters."""
-    assert scene.prescribed is not None
-    run = run_steps(scene, METHOD, steps)
-
-    def values(of: Scene, number: float = 0.0, *, index: int = -1) -> list[Array]:
-        motion = DenseMotion(
-            scenes=(of,),
-            steps=(run,),
-            find_forces=partial(forces_along, [of], METHOD, [run]),
-        )
-        found = []
-        for one in data.series:
-            if one.formula is None:
-                found.append(one.values)
-                continue
-            names = _resolve_names(one, data, specified, damper_values(of))(index, number)
-            along = Observer(motion, [names]).along(one.formula)
-            found.append(along(*motion.located(0, one.times)))
-        return found
-
-    slopes = [
-        differentiate(one, scene, partial(values, index=index))
-        for index, one in enumerate(variations)
-    ]
-    return [
-        (own, np.array([one[k] for one in slopes]).reshape(len(slopes), own.size).T)
-        for k, own in enumerate(values(scene))
-    ]
-
-
-def _resolve_names(
-    one: Series, data: DataSet, specified: Specified, dampers: Mapping[str, object]
-) -> NameResolver:
-    """The names in the formula of a series, with the parameters of the problem."""
-
-    def resolve_names(index: int, number: float) -> Observations:
-        names = one.formula.names if one.formula is not None else frozenset()
-        numbers: Mapping[str, float] = {}
-        inputs: Mapping[str, Forcing | None] = {}
-        if names - set(known_names(data.coordinates)) - set(dampers):
-            problem = build_problem(specified(index, number), search=False)
-            numbers, inputs = problem.numbers, problem.inputs
-        return Observations(coordinates=data.coordinates, parameters=numbers, inputs=inputs)
-
-    return resolve_names
+    scene, names = described
+    run = LinearisedRun(scene, METHOD, run_steps(scene, METHOD, steps))
+    predicted = []
+    for one in data.series:
+        if one.formula is None:
+            predicted.append((one.values, np.zeros((one.values.size, len(parameters)))))
+            continue
+        formula = Formula(run, one.times, one.formula, names)
+        slopes = np.array([formula.rates(each) for each in parameters])
+        predicted.append((formula.values, slopes.reshape(-1, one.times.size).T))
+    return predicted
 
 
 def predict_response(
-    scene: Scene, data: DataSet, variations: Sequence[Variation], ground_direction: Any = 1.0
+    scene: Scene, data: DataSet, parameters: Sequence[Parameter], ground_direction: Any = 1.0
 ) -> Predicted:
     """Predict the measured columns of a response to harmonic forces, ``T(i omega) q = f``.
 
@@ -143,9 +96,9 @@ def predict_response(
     hertz = np.unique(np.concatenate([one.times for one in data.series]))
     s = 2j * math.pi * hertz
     if scene.prescribed is None:
-        response, slopes = _displacements(scene, s, data, variations, ground_direction)
+        response, slopes = _displacements(scene, s, data, parameters, ground_direction)
     else:
-        response, slopes = _damper_stiffness(scene, s, variations)
+        response, slopes = _damper_stiffness(scene, s, parameters)
     predicted = []
     for series in data.series:
         amplitude = series.amplitude
@@ -162,7 +115,7 @@ def _displacements(
     scene: Scene,
     s: ComplexArray,
     data: DataSet,
-    variations: Sequence[Variation],
+    parameters: Sequence[Parameter],
     ground_direction: Any,
 ) -> tuple[ComplexArray, ComplexArray]:
     """Amplitudes ``(n, d)``, and their derivatives by p parameters, ``(n, d, p)``."""
@@ -176,33 +129,29 @@ def _displacements(
     solve = _solver(DynamicStiffness(scene), s)
     load = np.broadcast_to(force(scene)[:, None], (s.size, scene.dimension, 1))
     response = solve(load.astype(complex))[..., 0]
-    left = np.zeros((*response.shape, len(variations)), dtype=complex)
-
-    def unbalanced(varied: Scene, _: float) -> list[ComplexArray]:
-        # as two terms: the change of their difference would be lost in round-off
-        applied = _applied(DynamicStiffness(varied), s, response)
-        return [np.broadcast_to(force(varied), applied.shape), -applied]
-
-    for column, one in enumerate(variations):
-        left[..., column] = sum(differentiate(one, scene, unbalanced))
-    return response, solve(left) if variations else left
+    left = np.zeros((*response.shape, len(parameters)), dtype=complex)
+    along = per_coordinate(ground_direction, scene.dimension)
+    for column, one in enumerate(parameters):
+        for symbol, matrix in symbol_rates(scene, one, s):
+            left[..., column] -= symbol[:, None] * (response @ matrix)
+        if "mass" in one.rates:
+            left[..., column] -= ground_amplitude(data.forces) * along @ one.rates["mass"]
+    return response, solve(left) if parameters else left
 
 
 def _damper_stiffness(
-    scene: Scene, s: ComplexArray, variations: Sequence[Variation]
+    scene: Scene, s: ComplexArray, parameters: Sequence[Parameter]
 ) -> tuple[ComplexArray, ComplexArray]:
     """Complex stiffness g(s) of dampers whose displacement is given; shapes of `_displacements`."""
-
-    def stiffness(of: Scene, _: float = 0.0) -> list[ComplexArray]:
-        total = np.zeros(s.shape, dtype=complex)
-        for part in (part for parts in dampers_of(of) for part in parts):
-            factor, spring = float(part.matrix[0, 0]), getattr(part, "spring", 0.0)
-            total += factor * (spring + np.array([part.symbol(at) for at in s.tolist()]))
-        return [total]
-
-    slopes = [differentiate(one, scene, stiffness)[0] for one in variations]
-    changes = np.array(slopes, dtype=complex).reshape(len(slopes), s.size)
-    return stiffness(scene)[0][:, None], changes.T[:, None]
+    total, changes = np.zeros(s.shape, complex), np.zeros((s.size, 1, len(parameters)), complex)
+    every: list[FractionalDamping | Law] = [*scene.damping, *scene.laws]
+    for part in every:
+        symbols = np.array([part.symbol(at) for at in s.tolist()])
+        total += part.matrix[0, 0] * (getattr(part, "spring", 0.0) + symbols)
+    for column, one in enumerate(parameters):
+        for symbol, matrix in symbol_rates(scene, one, s):
+            changes[:, 0, column] += symbol * np.asarray(matrix)[0, 0]
+    return total[:, None], changes
 
 
 def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexArray], ComplexArray]:
@@ -216,14 +165,6 @@ def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexAr
     except np.linalg.LinAlgError:
         raise ValueError("a mode without damping lies at a measured frequency") from None
     return lambda right: np.array([o.solve(b) for o, b in zip(factors, right, strict=True)])
-
-
-def _applied(stiffness: DynamicStiffness, s: ComplexArray, response: ComplexArray) -> ComplexArray:
-    """T(s) q for every s, shape ``(n, d)``."""
-    total = np.zeros_like(response)
-    for symbol, form in zip(stiffness.symbols_over(s).T, stiffness.forms, strict=True):
-        total += symbol[:, None] * np.asarray(form @ response.T).T  # type: ignore[operator]
-    return total
 
 
 def _part(amplitude: Amplitude, values: ComplexArray, changes: ComplexArray) -> tuple[Array, Array]:

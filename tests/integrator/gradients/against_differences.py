@@ -1,22 +1,61 @@
-"""Derivatives by all numbers of a scene beside central differences."""
+"""Derivatives by all numbers of a scene beside central differences of whole runs."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.inertia import Inertia
+from fvi_cli.effects.laws.prony import PronyKernel
+from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.entries import entries_of
 from fvi_cli.integrator.gradients.gradient import gradient_of
+from fvi_cli.integrator.gradients.parameters import Parameter, entries_of
 from fvi_cli.integrator.gradients.quantity import Quantity
-from fvi_cli.integrator.gradients.variation import Variation
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import AnySteps
 
 
-def changes(scene: Scene, *names: str) -> list[Variation]:
-    """Of every number of a scene, or of those that have these names."""
+def changes(scene: Scene, *names: str) -> list[Parameter]:
+    """Every number of a scene, or those that have these names."""
     entries = entries_of(scene)
-    return [one for name in names or entries for _, one in entries[name].variations()]
+    chosen = [entries[name] for name in names or entries]
+    return [one.parameter(index) for one in chosen for index in one.indices]
+
+
+def changed(scene: Scene, name: str, value: np.ndarray) -> Scene:
+    """The scene with another value under a name."""
+    kind, _, last = name.partition(".")
+    number = value if value.ndim else float(value)
+    if name == "mass":
+        return replace(scene, inertia=Inertia(mass=value))
+    if name == "stiffness" and isinstance(scene.potential, QuadraticPotential):
+        return replace(scene, potential=QuadraticPotential(stiffness=value))
+    if name in ("stiffness", "initial_position", "initial_velocity"):
+        if name == "stiffness":
+            return replace(scene, potential=replace(scene.potential, stiffness=value))
+        return replace(scene, **{name: value})
+    if kind in ("potential", "lagrangian"):
+        own: Any = getattr(scene, kind)
+        own = replace(own, parameters={**own.parameters, last: float(value)})
+        more = {}
+        if kind == "lagrangian":
+            at = own.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
+            more["inertia"] = Inertia(mass=at.mass)
+        return replace(scene, **{kind: own}, **more)
+    place, _, last = last.partition(".")
+    every: list[Any] = list(getattr(scene, kind))
+    one = every[int(place)]
+    if last in ("rates", "weights"):
+        masses = np.array(one.kernel.masses)
+        masses[:, int(last == "weights")] = value
+        every[int(place)] = replace(one, kernel=PronyKernel(masses=tuple(map(tuple, masses))))
+    elif hasattr(one, last):
+        every[int(place)] = replace(one, **{last: number})
+    else:
+        every[int(place)] = replace(one, kernel=replace(one.kernel, **{last: number}))
+    return replace(scene, **{kind: tuple(every)})
 
 
 def misses(
@@ -28,17 +67,23 @@ def misses(
     names: Sequence[str] = (),
 ) -> np.ndarray:
     """How far derivatives are from differences of `of`, by how far these may be wrong."""
-    by = changes(scene, *names)
-    found = gradient_of(scene, method, steps, quantity, by)
+    entries = entries_of(scene)
+    found = gradient_of(scene, method, steps, quantity, changes(scene, *names))
     np.testing.assert_allclose(found.value, of(scene), rtol=1e-12)
     rows = []
-    for change in by:
-        at, h = change.value, 2e-3 * max(abs(change.value), 0.1)
-        if change.name.endswith("order"):
-            h = min(h, 0.01 * at)
-        coarse, fine = (
-            (of(change.family(at + e)) - of(change.family(at - e))) / (2 * e) for e in (h, h / 2)
-        )
-        rows.append(((4 * fine - coarse) / 3, abs(fine - coarse)))
+    for name in names or entries:
+        for index in entries[name].indices:
+            at = entries[name].value
+
+            def moved(shift: float, name=name, index=index, at=at) -> float:
+                value = at.copy()
+                value[index] = value[index[::-1]] = at[index] + shift
+                return of(changed(scene, name, value))
+
+            h = 2e-3 * max(abs(at[index]), 0.1)
+            if name.endswith("order"):
+                h = min(h, 0.01 * at[index])
+            coarse, fine = ((moved(e) - moved(-e)) / (2 * e) for e in (h, h / 2))
+            rows.append(((4 * fine - coarse) / 3, abs(fine - coarse)))
     expected, spread = np.array(rows).T
     return np.abs(found.derivatives - expected) / (1e-3 * spread + 2e-8 * np.abs(expected).max())

@@ -48,7 +48,8 @@ def test_numbers_of_a_scene_by_name():
         fvi.position_at(2.5, 1),
         {"factor": 1.0},
     )
-    assert abs(entries["factor"]) < 1e-13
+    # up to the round-off of differences of the numbers
+    assert abs(entries["factor"]) < 1e-10
     together = (
         np.sum(found["mass"] * scene.inertia.mass)
         + np.sum(found["stiffness"] * scene.potential.stiffness)

@@ -1,4 +1,4 @@
-"""Derivatives by numbers inside formulas, over long times, against complex steps elsewhere.
+"""Derivatives by parameters of formulas, over long times, against complex steps elsewhere.
 
 Oracles share no code with the package: the motion of x'' + x = f from rest is the integral of
 ``sin(T - s) f(s)``, taken by Gauss rules of f written in NumPy; others are integrated by DOP853
@@ -18,12 +18,12 @@ from fvi_cli.api.derivatives import gradient
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients.numbers import numbers_of
 from fvi_cli.integrator.gradients.quantity import position_at, quantity_at
-from fvi_cli.integrator.gradients.variation import Variation, differentiate
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_problem
 
 STEP = 1e-30
 
@@ -56,15 +56,10 @@ FORCES = {
 }
 
 
-def written(text: str, **values: float) -> str:
-    """The text with numbers in the place of names, as a configuration has them in the end."""
-    for name, value in values.items():
-        text = text.replace(f"{name}*", f"({float(value)!r})*").replace(
-            f"*{name}", f"*({float(value)!r})"
-        )
-        for left, right in (("(", "/"), ("+ ", ""), ("- ", "")):
-            text = text.replace(f"{left}{name}{right}", f"{left}({float(value)!r}){right}")
-    return text
+def force_of(text: str, values: Mapping[str, float]) -> Forcing:
+    """A force whose formula names its parameters."""
+    formula = Expression.parse(text, ("t",), values)
+    return Forcing(pieces=(ForcingPiece(components=(formula,)),))
 
 
 def drawn(seed: int) -> tuple[str, dict[str, float], float]:
@@ -85,9 +80,7 @@ def test_forces_with_drawn_numbers_over_long_times(seed):
     text, values, final_time = drawn(seed)
 
     def family(**given: float) -> Scene:
-        return linear_oscillator(
-            final_time=final_time, forcing=Forcing.from_text(written(text, **given))
-        )
+        return linear_oscillator(final_time=final_time, forcing=force_of(text, given))
 
     exact = by_integral(FORCES[text], values, final_time)
     n = int((14 if "tanh" in text else 4) * final_time)
@@ -186,44 +179,62 @@ def test_expressions_with_a_frequency_in_them():
     assert float(found["w"]) == pytest.approx(exact, rel=1e-8)
 
 
-def test_what_is_not_smooth_has_no_derivative():
-    scene = linear_oscillator(final_time=1.0)
-    smooth = Variation(
-        family=lambda value: linear_oscillator(final_time=1.0, stiffness=math.exp(value)),
-        value=0.0,
-        name="stiffness",
-    )
-    with pytest.raises(ValueError, match="stiffness: what it changes is not smooth at 0"):
-        differentiate(smooth, scene, lambda beside, at: [np.sign([at]) * np.sqrt(np.abs([at]))])
-    (found,) = differentiate(smooth, scene, lambda beside, at: [np.array([math.sin(5e3 * at)])])
-    assert found[0] == pytest.approx(5e3, rel=1e-9)
+def test_numbers_inside_texts_are_refused():
+    def family(w: float) -> Scene:
+        return linear_oscillator(final_time=3.0, forcing=Forcing.from_text(f"sin({w}*t)"))
+
+    with pytest.raises(ValueError, match=r"w: the scene has another form near 5; .* with a name"):
+        gradient(family, "gauss6", 40, position_at(3.0), {"w": 5.0})
 
 
-@pytest.mark.parametrize("rate", [0.0, 1.0, 1e4, 3e5])
-@pytest.mark.parametrize("value", [1e-6, -1e-8])
-def test_beside_zero_differences_grow_until_round_off_is_small_or_what_bends_is_felt(value, rate):
-    scene = linear_oscillator(final_time=1.0)
-    small = Variation(
-        family=lambda number: linear_oscillator(final_time=1.0, stiffness=1.0 + number**2),
-        value=value,
-        name="stiffness",
-    )
-
-    def values(beside: Scene, at: float) -> list[np.ndarray]:
-        return [np.array([1.0 + (math.sin(rate * at) / rate if rate else at)])]
-
-    (found,) = differentiate(small, scene, values)
-    assert found[0] == pytest.approx(math.cos(rate * value), rel=2e-6)
+def test_parameters_of_forces_by_name():
+    forcing = force_of("sin(w*t)*c**3", {"w": 3.0, "c": 0.7})
+    scene = linear_oscillator(final_time=20.0, forcing=forcing)
+    names = ["forcing.w", "forcing.c"]
+    found = gradient(scene, "gauss6", 100, position_at(20.0), names)
+    exact = by_integral(lambda t, w, c: np.sin(w * t) * c**3, {"w": 3.0, "c": 0.7}, 20.0)
+    for name, expected in exact.items():
+        assert float(found[f"forcing.{name}"]) == pytest.approx(expected, rel=1e-8)
 
 
-@pytest.mark.parametrize("text", sorted(FORCES))
-def test_formulas_of_other_numbers_are_the_same_formulas(text):
-    """What is differentiated as a formula, and not by differences of its values."""
-    made = [
-        linear_oscillator(forcing=Forcing.from_text(written(text, a=a, w=w, p=p)), final_time=1.0)
-        for a, w, p in ((0.7, 5.0, 1.3), (0.71, 5.1, 1.4), (1.0, 2.0, 0.5))
-    ]
-    structures = [numbers_of(one)[0] for one in made]
-    assert structures[0] == structures[1]
-    other = linear_oscillator(forcing=Forcing.from_text("sin(t)"), final_time=1.0)
-    assert structures[0] != numbers_of(other)[0]
+def test_functions_of_the_time_that_a_parameter_changes():
+    def family(c: float, k: float) -> Scene:
+        forcing = Forcing.from_functions(lambda t: c**2 * np.sin(3.0 * t))
+        return linear_oscillator(final_time=20.0, forcing=forcing, stiffness=k)
+
+    found = gradient(family, "gauss6", 100, position_at(20.0), {"c": 0.7, "k": 1.0})
+    exact = by_integral(lambda t, c: np.sin(3.0 * t) * c**2, {"c": 0.7}, 20.0)
+    assert float(found["c"]) == pytest.approx(exact["c"], rel=1e-8)
+    named = gradient(family(0.7, 1.0), "gauss6", 100, position_at(20.0), ["stiffness"])
+    assert float(found["k"]) == pytest.approx(float(named["stiffness"][0, 0]), rel=1e-9)
+
+
+def test_parameters_of_a_configuration_by_name():
+    """In the force and in an expression, singular at the start; the control is another number."""
+    values = {"w": 2.0, "p": -0.5}
+
+    def problem(**given: float) -> Problem:
+        return build_problem(
+            {
+                "kind": "damped-oscillator",
+                "parameters": given,
+                "forcing": "0.7*t**p*cos(w*t)",
+                "damping": [{"order": 0.5, "coefficient": 0.3}],
+                "initial": {"position": 1.0},
+                "final_time": 6.0,
+            }
+        )
+
+    of = quantity_at("x + ax + w*x", 4.3)
+    made = gradient(problem, "gauss6", 60, of, values)
+    named = gradient(problem(**values), "gauss6", 60, of, ["forcing.w", "forcing.p"])
+    for name, value in values.items():
+        sides = [
+            gradient(problem, "gauss6", 60, of, {**values, name: value + h}).value
+            for h in (1e-4, -1e-4)
+        ]
+        expected = pytest.approx((sides[0] - sides[1]) / 2e-4, rel=1e-6)
+        assert float(made[name]) == expected
+        assert float(named[f"forcing.{name}"]) == expected
+    alone = gradient(problem(**values), "gauss6", 60, quantity_at("x + ax", 4.3), ["forcing.w"])
+    assert float(alone["forcing.w"]) != pytest.approx(float(made["w"]), rel=1e-2)

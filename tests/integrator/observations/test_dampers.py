@@ -12,10 +12,10 @@ from fvi_cli.config import parse_config
 from fvi_cli.effects.directions import Directions
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.gradients.gradient import gradient_of
+from fvi_cli.integrator.gradients.parameters import parameter_of
 from fvi_cli.integrator.gradients.quantity import quantity_at
-from fvi_cli.integrator.gradients.variation import Variation
 from fvi_cli.integrator.observations.dampers import dampers_of
-from fvi_cli.integrator.observations.request import coordinate_names
+from fvi_cli.integrator.observations.request import Observations, coordinate_names, names_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.expressions import Expression
 
@@ -291,9 +291,10 @@ def test_gradients_of_forces_are_those_of_differences(seed):
     if base.dimension == 1:
         text = text.replace("deformation_2_1", "deformation_2")
     point = np.array([base.damping[0].order, base.laws[0].size])
+    names = Observations(coordinates=names_of(base))
     variations = [
-        Variation(family=lambda v: values(v, point[1]), value=point[0], name="order"),
-        Variation(family=lambda v: values(point[0], v), value=point[1], name="size"),
+        parameter_of("order", lambda v: (values(v, point[1]), names), point[0], (base, names)),
+        parameter_of("size", lambda v: (values(point[0], v), names), point[1], (base, names)),
     ]
     method = fvi.method_named("gauss4")
     found = gradient_of(base, method, 80, quantity_at(text, at), variations)

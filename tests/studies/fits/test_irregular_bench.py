@@ -5,6 +5,7 @@ import numpy as np
 from benchmarks.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.prescribed_run import prescribed_mesh
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.fits.predictions import METHOD, predict_motion
@@ -33,7 +34,7 @@ def test_steps_behind_kinks_at_any_times_share_their_sizes(tmp_path):
     force = Expression.parse("force", variables=("force",))
     series = Series(name="force", column="f", times=times[1:], values=times[1:], formula=force)
     data = DataSet(name="a", series=(series,), coordinates=("u",))
-    ((found, _),) = predict_motion(scene, mesh, data, (), lambda *_: {})
+    ((found, _),) = predict_motion((scene, Observations(coordinates=("u",))), mesh, data, ())
     changes = np.diff(np.append(0.0, np.diff(values) / np.diff(times)))
     exact = [
         sum(c * ramp(t - b) for c, b in zip(changes, times, strict=False) if t > b)
