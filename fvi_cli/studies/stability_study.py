@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict_stability
 from fvi_cli.integrator.stability.region import StabilityMap, stability_map
@@ -73,7 +72,7 @@ def stability_maps(
         stiffness, damping = np.array(region.stiffness), np.array(region.damping)
         for order, method in itertools.product(region.orders, distinct_regions(experiment.methods)):
             maps.append(stability_map(method, order, stiffness, damping))
-            advance(f"region of {method_name(method)}")
+            advance(f"region of {method.label}")
     return tuple(maps)
 
 

@@ -33,7 +33,6 @@ import numpy as np
 
 from fvi_cli.integrator.memory.stages import StageOperator, stage_operator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.step_tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
@@ -72,7 +71,7 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
         For a method without :func:`has_patterns`.
     """
     if not has_patterns(method):
-        raise ValueError(f"method: the step equations of {method_name(method)} are not known here")
+        raise ValueError(f"method: the step equations of {method.label} are not known here")
     if isinstance(method, Baseline):
         factors = _BASELINES[method.name]
 

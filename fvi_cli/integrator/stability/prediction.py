@@ -19,9 +19,7 @@ from typing import Literal
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.method_by_name import as_method
-from fvi_cli.integrator.method_names import method_name
+from fvi_cli.integrator.method import AnyMethod, Baseline, as_method
 from fvi_cli.integrator.stability.determinants import StepDeterminants, step_determinants
 from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.stability.systems import MatrixPencil, independent_systems
@@ -77,9 +75,7 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
     if n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     if not has_patterns(method):
-        return StabilityPrediction(
-            verdict="unknown", reason=f"no prediction for {method_name(method)}"
-        )
+        return StabilityPrediction(verdict="unknown", reason=f"no prediction for {method.label}")
     if not scene.is_linear:
         return StabilityPrediction(verdict="unknown", reason="the scene is nonlinear")
     if not scene.is_dissipative:
