@@ -188,9 +188,9 @@ class Method:
 
     @property
     def family(self) -> str:
-        """Name of its family for readers: ``BDF2``, ``Gauss3``, ``Lobatto IIIC 4`` (stages)."""
+        """Name of its family for readers: ``BDF2``, ``Gauss3``, ``Lobatto IIIC``."""
         if self.is_runge_kutta:
-            return f"Gauss{self.stages}" if self.cq == "gauss" else f"Lobatto IIIC {self.stages}"
+            return f"Gauss{self.degree}" if self.cq == "gauss" else "Lobatto IIIC"
         return f"BDF{self.bdf_order}"
 
     @property
@@ -286,19 +286,23 @@ class _Part(NamedTuple):
     """The part of a method's names that belongs to one key."""
 
     key: str
-    pattern: str
-    read: Callable[[str], Any]  # from a text of this pattern to the value of the key
+    pattern: str  # of its text in a name, without spaces
+    read: Callable[[str], Any]  # from this text to the value of the key
     case: Callable[[Method], str]  # the text in files; empty where the family has one value
     label: Callable[[Method], str]  # the text for readers; empty where the value is usual
 
 
+def _number(word: str) -> int:
+    return int("".join(filter(str.isdigit, word)))
+
+
 def _read_rule(word: str) -> dict[str, Any]:
-    rule = word.rstrip("0123456789")
-    return {"rule": rule, "points": int(word.removeprefix(rule))}
+    return {"rule": "gauss" if "gauss" in word else "lobatto", "points": _number(word)}
 
 
 def _degree_label(method: Method) -> str:
-    return "" if method.is_runge_kutta or method.degree == 1 else f"degree {method.degree}"
+    is_usual = method.cq == "gauss" or (method.degree == 1 and not method.is_runge_kutta)
+    return "" if is_usual else f"degree {method.degree}"
 
 
 def _rule_label(method: Method) -> str:
@@ -326,35 +330,49 @@ def _forcing_case(method: Method) -> str:
 _PARTS: Final = (
     _Part(
         "sampling",
-        "nodes|points",
-        str,
+        "nodes?|points?",
+        lambda word: word.rstrip("s") + "s",
         lambda method: "" if method.is_runge_kutta else method.sampling,
         lambda method: "nodes" if method.sampling == "nodes" else "",
     ),
     _Part(
         "degree",
-        r"s\d{1,3}",
-        lambda word: int(word[1:]),
+        r"(s|degree)\d{1,3}",
+        _number,
         lambda method: f"s{method.degree}",
         _degree_label,
     ),
     _Part(
         "quadrature",
-        r"(gauss|lobatto)\d{1,3}",
+        r"(gauss|lobatto)\d{1,3}|\d{1,3}(gauss|lobatto)points",
         _read_rule,
         lambda method: "" if method.is_runge_kutta else method.rule.label,
         _rule_label,
     ),
-    _Part("start", "none|graded", str, _start_case, _start_label),
+    _Part(
+        "start",
+        "(start)?(none|graded)",
+        lambda word: word.removeprefix("start"),
+        _start_case,
+        _start_label,
+    ),
     _Part(
         "forcing_quadrature",
-        "galerkin|exact",
-        str,
+        "(galerkin|exact)(forcing)?",
+        lambda word: word.removesuffix("forcing"),
         _forcing_case,
         lambda method: f"{word} forcing" if (word := _forcing_case(method)) else "",
     ),
 )
 """The one table of names: read by :func:`keys_of_name`, written by `case` and `label`."""
+
+
+def without_start(method: AnyMethod) -> AnyMethod:
+    """The method with the usual start and loads, on which its stability does not depend."""
+    if isinstance(method, Baseline):
+        return method
+    keys = ("bdf", "rk", "degree", "sampling", "quadrature")
+    return make_method({key: value for key, value in method.keys.items() if key in keys})
 
 
 def make_method(values: Mapping[str, Any], *, start: Start | None = None) -> AnyMethod:
@@ -409,7 +427,7 @@ def keys_of_name(name: str) -> dict[str, Any]:
     plain = re.sub(r"[\s_]+", "-", name.strip().lower())
     if plain in BASELINE_NAMES:
         return {"baseline": plain}
-    plain = re.sub(r"[\s_]", "", name.lower())
+    plain = re.sub(r"[(,]", "-", re.sub(r"[\s_)]", "", name.lower()))
     family = _FAMILY.match(plain)
     if family is None:
         raise ValueError(_no_method(name))
@@ -434,22 +452,20 @@ def keys_of_name(name: str) -> dict[str, Any]:
 
 
 def _no_method(name: str) -> str:
-    number = re.search(r"[1-6]", name)
-    near = (f"{family}{number[0] if number else 3}" for family in ("gauss", "lobatto-iiic", "bdf"))
+    near = suggestion(name, (*BASELINE_NAMES, *(f"{family}3" for family in RUNGE_KUTTA_NAMES)))
     return (
-        f"{excerpt(name)!r} is not the name of a method"
-        f"{suggestion(name, (*BASELINE_NAMES, *near))} (such names are {EXAMPLES}, "
-        f"bdf2-nodes-s1-gauss1-none, {', '.join(BASELINE_NAMES)})"
+        f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
+        f"bdf1 to bdf6, {', '.join(BASELINE_NAMES)})"
     )
 
 
 def method_named(name: str) -> AnyMethod:
-    """The method of a short name, or of the name that it has in files.
+    """The method of a short name, or of a name that it has in files or for readers.
 
     ``bdf1`` to ``bdf6``; ``gauss`` or ``lobatto-iiic`` with the degree, as in ``gauss3``; or a
     baseline. What differs from the defaults is joined by ``-``: ``nodes`` or ``points``, ``s2``
     (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``, ``galerkin`` or
-    ``exact``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``Gauss3`` are such names.
+    ``exact``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``BDF2 (nodes)`` are such names.
 
     Raises
     ------

@@ -187,12 +187,12 @@ def test_a_ladder_and_its_regions():
 
 def test_methods_that_differ_in_start_have_one_region():
     methods = [
-        GAUSS,
         dataclasses.replace(GAUSS, start="graded"),
+        GAUSS,
         NODES,
         Baseline(name="product-integration"),
     ]
-    assert distinct_regions(methods) == [GAUSS, NODES]
+    assert distinct_regions(methods) == [methods[0], NODES]
 
 
 def test_tables_hold_every_row():

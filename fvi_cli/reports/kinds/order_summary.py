@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from operator import attrgetter
 
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.reports.document import Block, Grid, Paragraph
@@ -79,26 +80,26 @@ def _grid(group: Sequence[OrderTable], titles: Mapping[str, str]) -> Grid:
     If methods do not fill a rectangle, rows are methods and columns problems.
     """
     own = [case.method for case in group[0].cases]
-    families, variants = (
-        list(dict.fromkeys(getattr(method, part) for method in own))
-        for part in ("family", "variant")
-    )
+    variants = list(dict.fromkeys(method.variant for method in own))
+    # a single variant stands in the titles of the columns
+    name = attrgetter("family" if len(variants) > 1 else "label")
+    families = list(dict.fromkeys(name(method) for method in own))
     is_full = len(own) == len(families) * len(variants)
     each = [(t, case, case.method) for t in group for case in t.cases]
     if is_full:
         each.sort(key=lambda one: (group.index(one[0]), variants.index(one[2].variant)))
 
     def column(table: OrderTable, method: AnyMethod) -> str:
-        return method.family if is_full else titles[table.experiment]
+        return str(name(method)) if is_full else titles[table.experiment]
 
     def begin(table: OrderTable, method: AnyMethod) -> tuple[str, ...]:
         if not is_full:
             return (method.label,)
-        variant = [method.variant] if any(variants) else []
+        variant = [method.variant] if len(variants) > 1 else []
         return (titles[table.experiment], *variant, orders_in_words(table) or "-", _ladder(table))
 
     claimed = {column(t, method) for t, case, method in each if not math.isnan(case.claim)}
-    full = ("problem", *(["method"] if any(variants) else []), "gamma", "N")
+    full = ("problem", *(["method"] if len(variants) > 1 else []), "gamma", "N")
     return pivot(
         (
             (
