@@ -299,7 +299,7 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
         return reason
     if isinstance(method, Baseline):
         # import only for experiments with baselines, since it takes long
-        from fvi_cli.integrator.baselines.run import baseline_objection
+        from fvi_cli.integrator.baselines import baseline_objection
 
         return baseline_objection(problem.scene, method)
     if problem.scene.lagrangian is not None and method.start == "weights":
