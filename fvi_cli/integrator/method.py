@@ -126,8 +126,10 @@ class Method:
             raise ArgumentError("start", "weights correct BDF only; use graded or none")
         if self.start == "graded" and self.cq != "gauss":
             raise ArgumentError("start", "graded is for rk: gauss only; use none")
-        if (self.start == "weights") != bool(self.start_exponents):
-            raise ArgumentError("start_exponents", "start: weights, and no other, has exponents")
+        if self.start_exponents and self.start != "weights":
+            raise ArgumentError("start_exponents", "only start: weights has exponents")
+        if self.start == "weights" and not self.start_exponents:
+            raise ArgumentError("start_exponents", "missing: the powers that weights correct")
         if len(set(self.start_exponents)) != len(self.start_exponents):
             raise ArgumentError("start_exponents", "every exponent must be given once")
         if self.quadrature is None:

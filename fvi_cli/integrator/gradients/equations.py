@@ -21,7 +21,7 @@ from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components, on_every_component
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 Points = tuple[Array, Array, Array]

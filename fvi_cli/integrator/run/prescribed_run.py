@@ -27,7 +27,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, steps_of_parts, unifor
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread

@@ -33,7 +33,7 @@ import numpy as np
 
 from fvi_cli.integrator.memory.stages import stage_operator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
 
@@ -69,7 +69,7 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
     if isinstance(method, Baseline):
         return _baseline_patterns(method, orders)
     tables = step_tables(method)
-    force_weights = tables.sample_test_weights
+    force_weights = tables.to_loads
     if method.is_runge_kutta:
         force_weights = force_weights @ stage_operator(method.cq, method.stages).to_values
         forces = _staged_forces(method, tables, orders)
