@@ -81,12 +81,13 @@ def _grid(group: Sequence[OrderTable], titles: Mapping[str, str]) -> Grid:
     """
     own = [case.method for case in group[0].cases]
     variants = list(dict.fromkeys(method.variant for method in own))
-    # a single variant stands in the titles of the columns
-    name = attrgetter("family" if len(variants) > 1 else "label")
-    families = list(dict.fromkeys(name(method) for method in own))
-    is_full = len(own) == len(families) * len(variants)
+    families = list(dict.fromkeys(method.family for method in own))
+    is_rectangle = len(variants) > 1 and len(own) == len(families) * len(variants)
+    is_full = is_rectangle or len(own) == len(families)
+    name = attrgetter("family" if is_rectangle else "label")
+    names = list(dict.fromkeys(name(method) for method in own))
     each = [(t, case, case.method) for t in group for case in t.cases]
-    if is_full:
+    if is_rectangle:
         each.sort(key=lambda one: (group.index(one[0]), variants.index(one[2].variant)))
 
     def column(table: OrderTable, method: AnyMethod) -> str:
@@ -95,11 +96,11 @@ def _grid(group: Sequence[OrderTable], titles: Mapping[str, str]) -> Grid:
     def begin(table: OrderTable, method: AnyMethod) -> tuple[str, ...]:
         if not is_full:
             return (method.label,)
-        variant = [method.variant] if len(variants) > 1 else []
+        variant = [method.variant] if is_rectangle else []
         return (titles[table.experiment], *variant, orders_in_words(table) or "-", _ladder(table))
 
     claimed = {column(t, method) for t, case, method in each if not math.isnan(case.claim)}
-    full = ("problem", *(["method"] if len(variants) > 1 else []), "gamma", "N")
+    full = ("problem", *(["method"] if is_rectangle else []), "gamma", "N")
     return pivot(
         (
             (
@@ -112,7 +113,7 @@ def _grid(group: Sequence[OrderTable], titles: Mapping[str, str]) -> Grid:
         corner=full if is_full else ("method",),
         headings={
             at: (at, "stated") if at in claimed else (at,)
-            for at in (families if is_full else [titles[t.experiment] for t in group])
+            for at in (names if is_full else [titles[t.experiment] for t in group])
         },
     )
 
