@@ -28,7 +28,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import CHUNK
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.scenes.data import linear_oscillator, pendulum
 
 

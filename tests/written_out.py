@@ -24,7 +24,7 @@ from fvi_cli.integrator.break_points import steps_at_break_points
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory import lags
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.tables import StepTables, step_tables
 
 Array = np.ndarray
 

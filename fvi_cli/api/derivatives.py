@@ -20,7 +20,6 @@ from fvi_cli.integrator.gradients.parameters import (
 )
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.keys.complaints import excerpt
@@ -119,7 +118,7 @@ def gradient(
         )
     chosen = method_on(method, steps)
     if not isinstance(chosen, Method):
-        raise ValueError(f"method: {method_name(chosen)} keeps no polynomials; take a Gauss method")
+        raise ValueError(f"method: {chosen.label} keeps no polynomials; take a Gauss method")
     if isinstance(scene, Scene | Problem | Experiment):
         entries = _named(_scene(scene), parameters)
         own = _scene(scene).lagrangian or _scene(scene).potential

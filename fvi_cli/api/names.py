@@ -38,7 +38,7 @@ from fvi_cli.integrator.meshes.mesh import mesh_of as mesh_of
 from fvi_cli.integrator.meshes.mesh import uniform_mesh as uniform_mesh
 from fvi_cli.integrator.method import Baseline as Baseline
 from fvi_cli.integrator.method import Method as Method
-from fvi_cli.integrator.method_by_name import method_named as method_named
+from fvi_cli.integrator.method import method_named as method_named
 from fvi_cli.integrator.stability.prediction import StabilityPrediction as StabilityPrediction
 from fvi_cli.integrator.stability.prediction import predict_stability as predict_stability
 from fvi_cli.integrator.trajectory import Assessment as Assessment

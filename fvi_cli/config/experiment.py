@@ -35,7 +35,6 @@ from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.integrator.break_points import misplaced_break_point
 from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -192,7 +191,7 @@ def _explain_negative_factor(value: object) -> str:
 
 def _methods_of(methods: Sequence[ListedMethod], accuracy: Accuracy | None) -> dict[str, Any]:
     """The resolved keys of the methods; without any they follow from a tolerance."""
-    found = {"method": [listed_method.resolved for listed_method in methods]}
+    found = {"method": [listed_method.method.keys for listed_method in methods]}
     if accuracy is None:
         return found
     own = {"accuracy": as_plain(accuracy)}
@@ -295,12 +294,12 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
     if isinstance(problem, DerivativeProblem):
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         reason = "a fractional derivative needs bdf; write bdf: 2"
-        return "" if by_bdf else f"{method_name(method)}: {reason}"
+        return "" if by_bdf else f"{method.label}: {reason}"
     if reason := law_objection(problem.scene, method):
         return reason
     if isinstance(method, Baseline):
         # import only for experiments with baselines, since it takes long
-        from fvi_cli.integrator.baselines.run import baseline_objection
+        from fvi_cli.integrator.baselines import baseline_objection
 
         return baseline_objection(problem.scene, method)
     if problem.scene.lagrangian is not None and method.start == "weights":

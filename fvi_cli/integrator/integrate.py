@@ -6,13 +6,12 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.baselines.run import integrate_baseline
+from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.failure import no_unique_solution
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
 from fvi_cli.integrator.run.prescribed_run import integrate_prescribed
 from fvi_cli.integrator.trajectory import Trajectory, thinned
@@ -87,12 +86,12 @@ def integrate(
     if isinstance(method, Baseline) or not method.is_runge_kutta:
         if not isinstance(steps, int):
             raise ValueError(
-                f"mesh: {method_name(method)} takes equal steps only; give a number, "
+                f"mesh: {method.label} takes equal steps only; give a number, "
                 "or take rk: gauss with start: none"
             )
         if with_steps:
             raise ValueError(
-                f"with_steps: {method_name(method)} has no polynomials to keep; "
+                f"with_steps: {method.label} has no polynomials to keep; "
                 "take rk: gauss, such as gauss3"
             )
     if isinstance(method, Method):
@@ -106,9 +105,9 @@ def integrate(
         )
         return found
     if not diagnostics.is_empty:
-        raise ValueError(f"diagnostics: {method_name(method)} keeps no increments of its steps")
+        raise ValueError(f"diagnostics: {method.label} keeps no increments of its steps")
     if not isinstance(steps, int):
-        raise ValueError(f"mesh: {method_name(method)} takes equal steps only")
+        raise ValueError(f"mesh: {method.label} takes equal steps only")
     try:
         return thinned(integrate_baseline(scene, method, steps), every)
     except np.linalg.LinAlgError:

@@ -16,10 +16,9 @@ from fvi_cli.integrator.integrate import check_counts, integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.meshes.singular_start import start_power
-from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.method_by_name import as_method
+from fvi_cli.integrator.method import AnyMethod, Method, as_method
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
 
 LARGEST_STEP = 24

@@ -1,13 +1,15 @@
-"""The method of integration as a value."""
+"""The method of integration as a value, and its names both ways."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Final, Literal, NamedTuple
 
 from fvi_cli.errors import ArgumentError
+from fvi_cli.keys.complaints import excerpt, suggestion
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import QuadratureRule, gauss_rule, lobatto_rule
 
@@ -18,22 +20,15 @@ ForcingQuadrature = Literal["galerkin", "exact"]
 
 BDF_NAMES = tuple(f"bdf{p}" for p in range(1, 7))
 RUNGE_KUTTA_NAMES = ("gauss", "lobatto-iiic")
-EULER_NAMES = ("explicit-euler", "implicit-euler")
-BASELINE_NAMES = (*EULER_NAMES, "gruenwald-letnikov", "product-integration")
-
-_FAMILIES: Mapping[str, str] = {"gauss": "Gauss", "lobatto-iiic": "Lobatto IIIC "}
-_LABELS: Mapping[str, str] = {
-    "explicit-euler": "explicit Euler",
-    "implicit-euler": "implicit Euler",
-    "gruenwald-letnikov": "Grünwald-Letnikov",
-    "product-integration": "product integration",
+_BASELINES: Mapping[str, tuple[str, float]] = {
+    "explicit-euler": ("explicit Euler", 1.0),
+    "implicit-euler": ("implicit Euler", 1.0),
+    "gruenwald-letnikov": ("Grünwald-Letnikov", 1.0),
+    "product-integration": ("product integration", 2.0),
 }
-_BASELINE_ORDERS: Mapping[str, float] = {
-    "explicit-euler": 1.0,
-    "implicit-euler": 1.0,
-    "gruenwald-letnikov": 1.0,
-    "product-integration": 2.0,
-}
+"""Names of baselines for readers, and their orders."""
+BASELINE_NAMES = tuple(_BASELINES)
+EXAMPLES: Final = "gauss3, bdf2, bdf2-nodes"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -122,27 +117,23 @@ class Method:
             raise ArgumentError(
                 "degree", f"{self.degree} is not allowed; it must be 1 to {LARGEST_DEGREE}"
             )
-        if self.is_runge_kutta:
-            own = self._own_rule()
-            if self.sampling != "points":
-                raise ArgumentError("sampling", f"{self.cq} is sampled at its own points only")
-            if self.quadrature not in (None, own):
-                raise ArgumentError("quadrature", f"{self.cq} brings its own rule, {own.label}")
-            if self.start == "weights":
-                raise ArgumentError("start", "weights correct BDF only; use graded or none")
-            object.__setattr__(self, "quadrature", own)
-        elif self.start == "graded":
-            raise ArgumentError(
-                "start",
-                f"graded is for {', '.join(RUNGE_KUTTA_NAMES)} only; with {self.cq} take "
-                "weights or none",
-            )
-        elif self.quadrature is None:
-            object.__setattr__(self, "quadrature", RuleSpecification(points=self.degree))
+        own = self.usual_rule
+        if self.is_runge_kutta and self.sampling != "points":
+            raise ArgumentError("sampling", f"{self.cq} is sampled at its own points only")
+        if self.is_runge_kutta and self.quadrature not in (None, own):
+            raise ArgumentError("quadrature", f"{self.cq} brings its own rule, {own.label}")
+        if self.is_runge_kutta and self.start == "weights":
+            raise ArgumentError("start", "weights correct BDF only; use graded or none")
+        if self.start == "graded" and self.cq != "gauss":
+            raise ArgumentError("start", "graded is for rk: gauss only; use none")
         if self.start_exponents and self.start != "weights":
             raise ArgumentError("start_exponents", "only start: weights has exponents")
         if self.start == "weights" and not self.start_exponents:
             raise ArgumentError("start_exponents", "missing: the powers that weights correct")
+        if len(set(self.start_exponents)) != len(self.start_exponents):
+            raise ArgumentError("start_exponents", "every exponent must be given once")
+        if self.quadrature is None:
+            object.__setattr__(self, "quadrature", own)
         if self.rule.build().order < 2 * self.degree - 1:
             # the mass matrix of the step would be singular
             raise ArgumentError(
@@ -151,17 +142,17 @@ class Method:
                 f"it must integrate polynomials of degree {2 * self.degree - 2}",
             )
 
-    def _own_rule(self) -> RuleSpecification:
-        if self.cq == "gauss":
-            return RuleSpecification(rule="gauss", points=self.degree)
-        return RuleSpecification(rule="lobatto", points=self.degree + 1)
+    @property
+    def usual_rule(self) -> RuleSpecification:
+        """The rule where none is given: Gauss, or the points of the Runge-Kutta method."""
+        if self.cq == "lobatto-iiic":
+            return RuleSpecification(rule="lobatto", points=self.degree + 1)
+        return RuleSpecification(points=self.degree)
 
     @property
     def rule(self) -> RuleSpecification:
         """The rule for the action."""
-        if self.quadrature is None:  # pragma: no cover - set at construction
-            raise ArgumentError("quadrature", "not set")
-        return self.quadrature
+        return self.quadrature or self.usual_rule
 
     @property
     def is_runge_kutta(self) -> bool:
@@ -198,26 +189,39 @@ class Method:
         return min(action, self.bdf_order, 2 if self.sampling == "nodes" else action)
 
     @property
-    def label(self) -> str:
-        """Name of the method for people: ``BDF2``, ``Gauss3``, ``Lobatto IIIC 4`` (with stages)."""
+    def family(self) -> str:
+        """Name of its family for readers: ``BDF2``, ``Gauss3``, ``Lobatto IIIC``."""
         if self.is_runge_kutta:
-            return f"{_FAMILIES[self.cq]}{self.stages}"
+            return f"Gauss{self.degree}" if self.cq == "gauss" else "Lobatto IIIC"
         return f"BDF{self.bdf_order}"
+
+    @property
+    def variant(self) -> str:
+        """What differs from the usual method of the family: ``nodes, degree 2``; often empty."""
+        return ", ".join(filter(None, (part.label(self) for part in _PARTS)))
+
+    @property
+    def label(self) -> str:
+        """Name of the method for readers: ``BDF2 (nodes)``, ``Gauss3``; one for each method."""
+        return f"{self.family} ({self.variant})" if self.variant else self.family
 
     @property
     def case(self) -> str:
         """Name of the method in files: ``bdf2-nodes-s1-gauss1-none``, ``gauss-s3-graded``."""
-        if self.is_runge_kutta:
-            name = f"{self.cq}-s{self.degree}-{self.start}"
-            default: ForcingQuadrature = "galerkin"
-        else:
-            name = f"{self.cq}-{self.sampling}-s{self.degree}-{self.rule.label}-{self.start}"
-            default = "galerkin" if self.sampling == "nodes" else "exact"
-        if self.start_exponents:
-            name += "-" + "-".join(f"{e:g}".replace(".", "p") for e in self.start_exponents)
-        if self.forcing_quadrature != default:
-            name += f"-{self.forcing_quadrature}"
-        return name
+        return "-".join(filter(None, (self.cq, *(part.case(self) for part in _PARTS))))
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The keys of a configuration that define the method in full (:func:`make_method`)."""
+        keys: dict[str, Any] = {"rk": self.cq} if self.is_runge_kutta else {"bdf": self.bdf_order}
+        keys["degree"] = self.degree
+        if not self.is_runge_kutta:
+            keys["sampling"] = self.sampling
+            keys["quadrature"] = {"rule": self.rule.rule, "points": self.rule.points}
+        exponents = list(self.start_exponents)
+        keys["start"] = {"weights": exponents} if exponents else self.start
+        keys["forcing_quadrature"] = self.forcing_quadrature
+        return keys
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -247,7 +251,7 @@ class Baseline:
     @property
     def order(self) -> float:
         """Order on smooth data."""
-        return _BASELINE_ORDERS[self.name]
+        return _BASELINES[self.name][1]
 
     @property
     def case(self) -> str:
@@ -256,11 +260,236 @@ class Baseline:
 
     @property
     def label(self) -> str:
-        """Name of the method for people: ``Grünwald-Letnikov``."""
-        return _LABELS[self.name]
+        """Name of the method for readers: ``Grünwald-Letnikov``."""
+        return _BASELINES[self.name][0]
+
+    family = label
+    variant = ""
+
+    @property
+    def keys(self) -> dict[str, Any]:
+        """The key of a configuration that defines the method."""
+        return {"baseline": self.name}
 
 
 AnyMethod = Method | Baseline
+
+
+def usual_start(cq: str) -> Start:
+    """The start where none is given: short steps behind singular points by Gauss."""
+    return "graded" if cq == "gauss" else "none"
+
+
+def _usual_forcing(cq: str, sampling: Sampling) -> ForcingQuadrature:
+    return "exact" if cq in BDF_NAMES and sampling == "points" else "galerkin"
+
+
+class _Part(NamedTuple):
+    """The part of a method's names that belongs to one key."""
+
+    key: str
+    pattern: str  # of its text in a name, without spaces
+    read: Callable[[str], Any]  # from this text to the value of the key
+    case: Callable[[Method], str]  # the text in files; empty where the family has one value
+    label: Callable[[Method], str]  # the text for readers; empty where the value is usual
+
+
+def _number(word: str) -> int:
+    return int("".join(filter(str.isdigit, word)))
+
+
+def _read_rule(word: str) -> dict[str, Any]:
+    return {"rule": "gauss" if "gauss" in word else "lobatto", "points": _number(word)}
+
+
+def _degree_label(method: Method) -> str:
+    is_usual = method.cq == "gauss" or (method.degree == 1 and not method.is_runge_kutta)
+    return "" if is_usual else f"degree {method.degree}"
+
+
+def _rule_label(method: Method) -> str:
+    rule = method.rule
+    is_usual = rule == method.usual_rule
+    return "" if is_usual else f"{rule.points} {rule.rule.capitalize()} points"
+
+
+def _start_case(method: Method) -> str:
+    powers = (f"{exponent:g}".replace(".", "p") for exponent in method.start_exponents)
+    return "-".join((method.start, *powers))
+
+
+def _start_label(method: Method) -> str:
+    powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
+    is_usual = method.start == usual_start(method.cq)
+    return f"weights {powers}" if powers else "" if is_usual else f"start {method.start}"
+
+
+def _forcing_case(method: Method) -> str:
+    is_usual = method.forcing_quadrature == _usual_forcing(method.cq, method.sampling)
+    return "" if is_usual else method.forcing_quadrature
+
+
+_PARTS: Final = (
+    _Part(
+        "sampling",
+        "nodes?|points?",
+        lambda word: word.rstrip("s") + "s",
+        lambda method: "" if method.is_runge_kutta else method.sampling,
+        lambda method: "nodes" if method.sampling == "nodes" else "",
+    ),
+    _Part(
+        "degree",
+        r"(s|degree)\d{1,3}",
+        _number,
+        lambda method: f"s{method.degree}",
+        _degree_label,
+    ),
+    _Part(
+        "quadrature",
+        r"(gauss|lobatto)\d{1,3}|\d{1,3}(gauss|lobatto)points",
+        _read_rule,
+        lambda method: "" if method.is_runge_kutta else method.rule.label,
+        _rule_label,
+    ),
+    _Part(
+        "start",
+        "(start)?(none|graded)",
+        lambda word: word.removeprefix("start"),
+        _start_case,
+        _start_label,
+    ),
+    _Part(
+        "forcing_quadrature",
+        "(galerkin|exact)(forcing)?",
+        lambda word: word.removesuffix("forcing"),
+        _forcing_case,
+        lambda method: f"{word} forcing" if (word := _forcing_case(method)) else "",
+    ),
+)
+"""The one table of names: read by :func:`keys_of_name`, written by `case` and `label`."""
+
+
+def without_start(method: AnyMethod) -> AnyMethod:
+    """The method with the usual start and loads, on which its stability does not depend."""
+    if isinstance(method, Baseline):
+        return method
+    keys = ("bdf", "rk", "degree", "sampling", "quadrature")
+    return make_method({key: value for key, value in method.keys.items() if key in keys})
+
+
+def make_method(values: Mapping[str, Any], *, start: Start | None = None) -> AnyMethod:
+    """The method of the keys of a configuration, with defaults for those that are missing.
+
+    `start` is the default of Gauss methods in place of :func:`usual_start`.
+
+    Raises
+    ------
+    ValueError
+        For combinations that make no method.
+    """
+    if "baseline" in values:
+        return Baseline(name=values["baseline"])
+    order, sampling = values.get("bdf"), values.get("sampling", "points")
+    cq = values.get("rk", "gauss") if order is None else BDF_NAMES[order - 1]
+    usual_degree = 3 if order is None else 1 if sampling == "nodes" else math.ceil(order / 2)
+    degree = values.get("degree", usual_degree)
+    usual = start if start and cq == "gauss" else usual_start(cq)
+    chosen, exponents = values.get("start", usual), ()
+    if isinstance(chosen, Mapping):
+        exponents, chosen = tuple(chosen["weights"]), "weights"
+    rule = values.get("quadrature")
+    if rule is not None:
+        given: Mapping[str, Any] = {"rule": rule} if isinstance(rule, str) else rule
+        points = given.get("points") or degree + (given["rule"] == "lobatto")
+        rule = RuleSpecification(rule=given["rule"], points=points)
+    return Method(
+        cq=cq,
+        degree=degree,
+        quadrature=rule,
+        sampling=sampling,
+        start=chosen,
+        start_exponents=exponents,
+        forcing_quadrature=values.get("forcing_quadrature", _usual_forcing(cq, sampling)),
+    )
+
+
+_FAMILY: Final = re.compile(
+    r"bdf-?(?P<bdf>[1-6])|(?:(?P<gauss>gauss)|lobatto(?:-?iiic)?)(?:-?(?P<degree>\d{1,3}))?"
+)
+
+
+def keys_of_name(name: str) -> dict[str, Any]:
+    """Keys of a method, with their values, that its name stands for.
+
+    Raises
+    ------
+    ValueError
+        For a text that is not the name of a method.
+    """
+    plain = re.sub(r"[\s_]+", "-", name.strip().lower())
+    if plain in BASELINE_NAMES:
+        return {"baseline": plain}
+    plain = re.sub(r"[(,]", "-", re.sub(r"[\s_)]", "", name.lower()))
+    family = _FAMILY.match(plain)
+    if family is None:
+        raise ValueError(_no_method(name))
+    values: dict[str, Any] = {}
+    if family["bdf"]:
+        values["bdf"] = int(family["bdf"])
+    else:
+        values["rk"] = "gauss" if family["gauss"] else "lobatto-iiic"
+        if family["degree"]:
+            values["degree"] = int(family["degree"])
+    words = plain[family.end() :].split("-")
+    if words[0]:
+        raise ValueError(_no_method(name))
+    for word in words[1:]:
+        part = next((one for one in _PARTS if re.fullmatch(one.pattern, word)), None)
+        if part is None or part.key in values:
+            raise ValueError(_no_method(name))
+        values[part.key] = part.read(word)
+    if not 1 <= values.get("degree", 1) <= LARGEST_DEGREE:
+        raise ValueError(f"the degree in {excerpt(name)!r} must be from 1 to {LARGEST_DEGREE}")
+    return values
+
+
+def _no_method(name: str) -> str:
+    near = suggestion(name, (*BASELINE_NAMES, *(f"{family}3" for family in RUNGE_KUTTA_NAMES)))
+    return (
+        f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
+        f"bdf1 to bdf6, {', '.join(BASELINE_NAMES)})"
+    )
+
+
+def method_named(name: str) -> AnyMethod:
+    """The method of a short name, or of a name that it has in files or for readers.
+
+    ``bdf1`` to ``bdf6``; ``gauss`` or ``lobatto-iiic`` with the degree, as in ``gauss3``; or a
+    baseline. What differs from the defaults is joined by ``-``: ``nodes`` or ``points``, ``s2``
+    (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``, ``galerkin`` or
+    ``exact``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``BDF2 (nodes)`` are such names.
+
+    Raises
+    ------
+    ValueError
+        For a text that is not the name of a method.
+    """
+    try:
+        keys = keys_of_name(name)
+    except ValueError as error:
+        raise ValueError(f"method: {error}") from None
+    return make_method(keys)
+
+
+def as_method(method: AnyMethod | str) -> AnyMethod:
+    """A method, also by its name (:func:`method_named`)."""
+    if isinstance(method, Method | Baseline):
+        return method
+    if not isinstance(method, str):
+        raise TypeError(
+            f"method: {excerpt(repr(method))} is no method; write a name such as 'gauss3'"
+        )
+    return method_named(method)
 
 
 def method_columns(method: AnyMethod) -> dict[str, str]:

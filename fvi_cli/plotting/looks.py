@@ -12,7 +12,6 @@ from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, LogNorm, Normalize, to_hex, to_rgb
 
 from fvi_cli.integrator.method import BASELINE_NAMES, AnyMethod, Baseline, Method
-from fvi_cli.integrator.method_names import describe_method, method_names
 from fvi_cli.plotting.style import COLOURS, LINE_STYLES, LineStyle
 from fvi_cli.plotting.words import typeset
 
@@ -80,7 +79,6 @@ def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
     and a darker shade. If all methods would have one colour, each gets its own.
     """
     distinct = {method.case: method for method in methods}
-    labels = method_labels(list(distinct.values()))
     seen: dict[tuple[str, int], int] = {}
     found = {}
     for case, method in distinct.items():
@@ -90,7 +88,7 @@ def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
             # degrees 1 and 3 of BDF are both filled: one of them needs another marker
             key = (method.cq, method.degree if method.is_runge_kutta else method.degree % 2)
         repeat = seen[key] = seen.get(key, -1) + 1
-        found[case] = MethodLook(label=labels[case], look=_look(method, repeat))
+        found[case] = MethodLook(label=typeset(method.label), look=_look(method, repeat))
     plain = [method for method in distinct.values() if isinstance(method, Method)]
     if len(plain) > 1 and len({method.cq for method in plain}) == 1 and not plain[0].is_runge_kutta:
         for index, method in enumerate(plain):
@@ -126,24 +124,6 @@ def _look(method: AnyMethod, repeat: int) -> Look:
         dashes=LINE_STYLES[(dashes + 2 * repeat) % len(LINE_STYLES)],
         is_filled=is_filled,
     )
-
-
-def method_labels(methods: Sequence[AnyMethod]) -> dict[str, str]:
-    """Name of every method by case, as in tables, with powers typeset."""
-    return {case: typeset(name.label) for case, name in method_names(methods).items()}
-
-
-def common_features(methods: Sequence[AnyMethod]) -> str:
-    """Common features of all BDF methods of a figure: degree, quadrature points, sampling.
-
-    The text names the family if methods of other families are drawn as well.
-    """
-    plain = [m for m in methods if isinstance(m, Method) and not m.is_runge_kutta]
-    described = {", ".join(describe_method(method)[:3]) for method in plain}
-    if len(described) != 1:
-        return ""
-    whose = ", ".join(dict.fromkeys(method.label for method in plain))
-    return described.pop() if len(plain) == len(methods) else f"{whose}: {described.pop()}"
 
 
 def colours_of(numbers: Sequence[float]) -> ScalarMappable:

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, StabilityMap
-from fvi_cli.plotting.looks import method_labels
 from fvi_cli.plotting.style import (
     INK,
     journal_style,
@@ -24,7 +23,7 @@ from fvi_cli.plotting.style import (
     note,
     panel_grid,
 )
-from fvi_cli.plotting.words import fraction_in_words
+from fvi_cli.plotting.words import fraction_in_words, typeset
 
 MOST_COLUMNS = 3
 _HEIGHT = 0.68  # inches of a panel
@@ -42,7 +41,6 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
     """A panel for every method, a row for every family, with the stable share of the plane."""
     lines = _lines(maps)
     columns = max(len(line) for line in lines)
-    labels = method_labels([one.method for one in maps])
     padded = [one for line in lines for one in (*line, *[None] * (columns - len(line)))]
     figure = new_figure(0.45 + (_HEIGHT + 0.17) * len(lines))
     grid, _ = panel_grid(figure, len(padded), columns, sharex=True, sharey=True)
@@ -51,7 +49,7 @@ def region_figure(maps: Sequence[StabilityMap]) -> Figure:
             axes.set_axis_off()
             continue
         _draw(axes, one)
-        title = labels[one.method.case].replace(", ", "\n", 1)
+        title = typeset(one.method.label).replace(" (", "\n(", 1)
         axes.set_title(title, fontsize=rcParams["legend.fontsize"], pad=2.5)
     for column in grid:
         lowest = [axes for axes in column if axes.axison][-1]

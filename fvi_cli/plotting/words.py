@@ -24,9 +24,7 @@ def fraction_in_words(value: float) -> str:
 
 
 def typeset(name: str) -> str:
-    """``start corrected for $t^{5/2}$`` for ``weights t^2.5``, in words that need no caption."""
-    name = re.sub(r"\bplain\b", "no start correction", name)
-    name = re.sub(r"\bweights\b", "start corrected for", name)
+    """``weights $t^{5/2}$`` for ``weights t^2.5``."""
     return re.sub(
         r"t\^([\d.]+)", lambda power: f"$t^{{{fraction_in_words(float(power[1]))}}}$", name
     )

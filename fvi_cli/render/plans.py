@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from fvi_cli.integrator.method_names import MethodName, method_names
 from fvi_cli.render.runs import columns_of_words
 from fvi_cli.runner.plan import PlannedRun, group_alike
 
@@ -16,14 +15,13 @@ def plans_as_text(plans: Sequence[PlannedRun]) -> str:
     """
     header = ("experiment", "method", "n_steps", "step_size", "action", "predicted", "memory")
     rows = [(*header, "reason")]
-    names = method_names([plan.run.method for plan in plans])
     for alike in group_alike(plans):
         plan = alike[0]
         run, size = plan.run, plan.memory_bytes
         rows.append(
             (
                 run.experiment.name,
-                *_method_and_steps(plan, names),
+                *_method_and_steps(plan),
                 "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
                 plan.predicted,
@@ -34,7 +32,7 @@ def plans_as_text(plans: Sequence[PlannedRun]) -> str:
     return columns_of_words(rows)
 
 
-def _method_and_steps(plan: PlannedRun, names: Mapping[str, MethodName]) -> tuple[str, str]:
+def _method_and_steps(plan: PlannedRun) -> tuple[str, str]:
     if plan.finds_steps:
         return "Gauss", "adaptive"
-    return names[plan.run.method.case].label, str(plan.run.n_steps)
+    return plan.run.method.label, str(plan.run.n_steps)

@@ -10,8 +10,7 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from fvi_cli.integrator.method_by_name import method_named
-from fvi_cli.integrator.method_names import MethodName, method_name, method_names
+from fvi_cli.integrator.method import method_named
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.quantities import (
@@ -59,14 +58,13 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
         is_named = any(member.name for member in outcome.experiment.members)
         if outcome.experiment.members and not every_member and not is_named:
             continue
-        names = _labels(outcome)
         for finished in outcome.finished:
             run = finished.run
             member = "" if run.member is None else f" ({run.member.label})"
             rows.append(
                 (
                     run.experiment.name,
-                    names[run.method.case].label,
+                    run.method.label,
                     str(run.n_steps),
                     f"{run.step_size:.6g}",
                     f"{finished.error:.3e}" if math.isfinite(finished.error) else "-",
@@ -108,21 +106,15 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
     return _quantities_as_text(
         About(
             experiment=outcome.experiment.name,
-            method=labels[one.run.method.case].label,
+            method=one.run.method.label,
             n_steps=one.run.n_steps,
             error=one.error,
             observed=summary_of(one.trajectory.observed),
         )
         for outcome in outcomes
-        for labels in (_labels(outcome),)
         for one in with_peak_errors(outcome.finished)
         if one.run.member is None
     )
-
-
-def _labels(outcome: Outcome) -> dict[str, MethodName]:
-    """Names of the methods of an experiment for readers, by case."""
-    return method_names([one.run.method for one in outcome.finished])
 
 
 _EVENT_COLUMNS = (
@@ -160,16 +152,15 @@ def _members_as_text(outcome: Outcome) -> str:
     """One line for each method and N of a sweep; with errors of members that have one."""
     groups: dict[tuple[str, int], list[FinishedRun]] = {}
     for one in outcome.finished:
-        groups.setdefault((one.run.method.case, one.run.n_steps), []).append(one)
+        groups.setdefault((one.run.method.label, one.run.n_steps), []).append(one)
     rows = [("experiment", "method", "n_steps", "members", "median", "largest", "status", "at")]
-    labels = _labels(outcome)
-    for (case, n_steps), runs in groups.items():
+    for (method, n_steps), runs in groups.items():
         errors = {one.run.member: one.error for one in runs if math.isfinite(one.error)}
         worst = max(errors, key=errors.__getitem__, default=None)
         rows.append(
             (
                 outcome.experiment.name,
-                labels[case].label,
+                method,
                 str(n_steps),
                 str(len(runs)),
                 f"{statistics.median(errors.values()):.3e}" if errors else "-",
@@ -197,7 +188,7 @@ _STORED_COLUMNS = (
 def _method(case: str) -> str:
     """The name for readers of a method whose name in files is `case`; if unknown `case`."""
     try:
-        return method_name(method_named(case))
+        return method_named(case).label
     except ValueError:
         return case
 

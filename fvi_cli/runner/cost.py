@@ -6,7 +6,6 @@ import logging
 from collections.abc import Sequence
 
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request, Source, Task, requested
 from fvi_cli.studies.cost import REPEATS, CostTable, measure_cost
@@ -98,7 +97,7 @@ def cost_tasks(request: Request) -> list[Task]:
     return [
         Task(
             experiment=experiment.name,
-            action=f"time {method_name(method)}",
+            action=f"time {method.label}",
             of=f"N = {', '.join(map(str, experiment.steps))}",
         )
         for experiment in request.loaded.experiments

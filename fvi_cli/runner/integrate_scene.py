@@ -12,8 +12,7 @@ from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsReque
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.method_by_name import as_method
+from fvi_cli.integrator.method import AnyMethod, Method, as_method
 from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.request import Event, names_of, observations

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.reports.naming import member_columns
 from fvi_cli.scenes.problem import Problem
@@ -134,7 +133,7 @@ class Outcome:
             statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
             best = min(own, key=lambda one: math.inf if math.isnan(one.error) else one.error)
             least = f"error {best.error:.2e} at N = {best.run.n_steps}"
-            rows.append((method_name(method), statuses, "" if math.isnan(best.error) else least))
+            rows.append((method.label, statuses, "" if math.isnan(best.error) else least))
         return rows
 
     @property

@@ -5,7 +5,6 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.runner.executors.jobs import describe_crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request, Source, Task, requested
@@ -41,7 +40,7 @@ def stability_tasks(request: Request) -> list[Task]:
     return [
         Task(
             experiment=experiment.name,
-            action=f"predict {method_name(method)}",
+            action=f"predict {method.label}",
             of=f"N = {', '.join(map(str, experiment.steps))}"
             + (f" for {len(experiment.members)} members" if experiment.members else ""),
         )

@@ -15,7 +15,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.break_points import fits_break_points
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
@@ -242,7 +241,7 @@ class Run(Subject):
     @property
     def title(self) -> str:
         """The run in one line."""
-        title = f"{self.experiment.name} {method_name(self.method)}, N={self.n_steps}"
+        title = f"{self.experiment.name} {self.method.label}, N={self.n_steps}"
         return title if self.member is None else f"{title} ({self.member.label})"
 
     def specification(self) -> dict[str, Any]:

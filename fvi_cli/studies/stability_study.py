@@ -8,8 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.method_names import method_name
+from fvi_cli.integrator.method import AnyMethod, without_start
 from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict_stability
 from fvi_cli.integrator.stability.region import StabilityMap, stability_map
@@ -73,16 +72,10 @@ def stability_maps(
         stiffness, damping = np.array(region.stiffness), np.array(region.damping)
         for order, method in itertools.product(region.orders, distinct_regions(experiment.methods)):
             maps.append(stability_map(method, order, stiffness, damping))
-            advance(f"region of {method_name(method)}")
+            advance(f"region of {method.label}")
     return tuple(maps)
 
 
 def distinct_regions(methods: Sequence[AnyMethod]) -> list[AnyMethod]:
     """One method for each stability region: start and forcing do not change the region."""
-    found: dict[object, AnyMethod] = {}
-    for method in filter(has_patterns, methods):
-        key: object = method
-        if isinstance(method, Method):
-            key = (method.cq, method.degree, method.rule, method.sampling)
-        found.setdefault(key, method)
-    return list(found.values())
+    return list(dict.fromkeys(map(without_start, filter(has_patterns, methods))))

@@ -5,8 +5,7 @@ import json
 import pytest
 
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.method import Baseline, Method, RuleSpecification
-from fvi_cli.integrator.method_by_name import method_named
+from fvi_cli.integrator.method import Baseline, Method, RuleSpecification, method_named
 
 FRAME = """\
 problem: {{kind: pendulum, final_time: 1.0}}

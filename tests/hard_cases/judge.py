@@ -31,7 +31,7 @@ FLAGSHIP = "Gauss3"
 """The method for which all claims hold."""
 METHODS: Mapping[str, Method] = {
     **{f"Gauss{m}": Method(cq="gauss", degree=m, start="graded") for m in (3, 1, 2, 4)},
-    "Lobatto IIIC 4": Method(cq="lobatto-iiic", degree=3, start="none"),
+    "Lobatto IIIC (degree 3)": Method(cq="lobatto-iiic", degree=3, start="none"),
     **{
         f"BDF{p}": Method(cq=f"bdf{p}", degree=(p + 1) // 2, forcing_quadrature="exact")
         for p in range(1, 7)

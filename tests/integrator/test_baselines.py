@@ -10,8 +10,8 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.baselines import schemes
-from fvi_cli.integrator.baselines.schemes import trapezoidal_weights
+from fvi_cli.integrator import baselines
+from fvi_cli.integrator.baselines import BLOCK, trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.singular_start import order_on
 from fvi_cli.integrator.method import Baseline, Method
@@ -77,7 +77,7 @@ def test_one_wrong_weight_costs_the_order(monkeypatch):
         weights[1] *= 1.01
         return weights
 
-    monkeypatch.setattr(schemes, "trapezoidal_weights", wrong)
+    monkeypatch.setattr(baselines, "trapezoidal_weights", wrong)
     with pytest.raises(AssertionError):
         assert slope(SCENES["gamma = 1.5"], PRODUCT) == pytest.approx(2.0, abs=0.1)
 
@@ -129,14 +129,23 @@ def test_gruenwald_letnikov_is_the_textbook_scheme():
     assert integrate(scene, GRUENWALD, n_steps).position[:, 0] == pytest.approx(x, abs=1e-12)
 
 
-def test_dot_products_are_counted():
-    scene, n = SCENES["two masses"], 100
+@spread(few=4, name=SCENES, method=baselines.SCHEMES)
+def test_sums_in_blocks_are_the_sums_one_by_one(name, method, monkeypatch):
+    n = 3 * BLOCK + 17
+    in_blocks = integrate(SCENES[name], Baseline(name=method), n)
+    monkeypatch.setattr(baselines, "BLOCK", 4 * BLOCK)
+    one_by_one = integrate(SCENES[name], Baseline(name=method), n)
+    np.testing.assert_allclose(in_blocks.position, one_by_one.position, rtol=1e-12, atol=1e-12)
+    assert in_blocks.position.shape == (n + 1, SCENES[name].dimension)
+
+
+def test_the_work_of_the_sums_is_counted():
+    scene, n = SCENES["two masses"], BLOCK - 1
     assert integrate(scene, GRUENWALD, n).history_operations == 2 * n * (n + 1) // 2
-    assert integrate(scene, PRODUCT, n).history_operations == 2 * n * (n - 1) // 2
-    # three terms, one of them of order 1, which needs no past
-    operations = integrate(SCENES["three terms"], PRODUCT, n).history_operations
-    assert operations == 2 * n * (n - 1) // 2 + n
+    assert integrate(scene, PRODUCT, n).history_operations == 2 * n * (n + 1) // 2
     assert integrate(SCENES["no damping"], GRUENWALD, n).history_operations == 0
+    few, many = (integrate(scene, PRODUCT, n * BLOCK).history_operations for n in (8, 32))
+    assert few < many < 8 * few
 
 
 def test_newton_is_counted_where_there_is_something_to_solve():

@@ -15,7 +15,7 @@ from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 
 
 def gauss(degree: int, start: str = "none") -> Method:

@@ -9,10 +9,13 @@ from letters import oscillator, swing
 from spread import spread
 
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability.determinants import step_determinants
+from fvi_cli.integrator.stability.determinants import (
+    LinearSystems,
+    independent_systems,
+    step_determinants,
+)
 from fvi_cli.integrator.stability.patterns import step_patterns
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.integrator.stability.systems import MatrixPencil, matrix_pencil
 from fvi_cli.mathematics.transforms import zeros
 from fvi_cli.mathematics.transforms.zeros import (
     count_zeros,
@@ -37,28 +40,27 @@ def coupled(seed):
         sizes = np.exp(rng.uniform(math.log(least), math.log(most), d))
         return rotation @ np.diag(sizes) @ rotation.T
 
-    system = MatrixPencil(
-        mass=form(0.5, 2.0), stiffness=form(0.2, 30.0), damping=((1.0, form(0.01, 1.0)),)
-    )
+    forms = np.stack([form(0.5, 2.0), form(0.2, 30.0), form(0.01, 1.0)])
     n_steps = int(np.exp(rng.uniform(math.log(30), math.log(3000))))
-    return system, n_steps, float(rng.uniform(1.0, 20.0)) / n_steps
+    return forms, n_steps, float(rng.uniform(1.0, 20.0)) / n_steps
 
 
 def wrongly_counted(seeds):
     """Those whose growing modes by explicit Euler are not so many as its eigenvalues."""
     found = []
     for seed in seeds:
-        system, n_steps, h = coupled(seed)
-        unit, inverse = np.eye(len(system.mass)), np.linalg.inv(system.mass)
+        forms, n_steps, h = coupled(seed)
+        unit, inverse = np.eye(len(forms[0])), np.linalg.inv(forms[0])
         step = np.block(
             [
                 [unit, h * unit],
-                [-h * inverse @ system.stiffness, unit - h * inverse @ system.damping[0][1]],
+                [-h * inverse @ forms[1], unit - h * inverse @ forms[2]],
             ]
         )
         moduli, radius = 1 / np.abs(np.linalg.eigvals(step)), 1 - 0.1 / n_steps
         if np.abs(moduli - radius).min() > 1e-6 / n_steps:
-            steps = step_determinants([system], Baseline(name="explicit-euler"), h)
+            system = LinearSystems(orders=(1.0,), forms=forms[None])
+            steps = step_determinants(system, Baseline(name="explicit-euler"), h)
             if count_zeros(steps, radius)[0] != np.count_nonzero(moduli < radius):
                 found.append(seed)
     return found
@@ -165,8 +167,8 @@ def test_symbols_near_one_are_exact():
     z = 1.0 - 1e-7
     method, order = Method(cq="gauss", degree=2), 0.3
     place = np.array([z], dtype=complex)
-    damped_system = matrix_pencil(oscillator(damping=((order, 0.7),)))
-    logarithm = logarithm_at(step_determinants([damped_system], method, 0.5), place)
+    damped_system = independent_systems(oscillator(damping=((order, 0.7),)))
+    logarithm = logarithm_at(step_determinants(damped_system, method, 0.5), place)
     with mpmath.workdps(60):
         root = mpmath.sqrt(3)
         a = mpmath.matrix([[0.25, 0.25 - root / 6], [0.25 + root / 6, 0.25]])
@@ -180,8 +182,8 @@ def test_symbols_near_one_are_exact():
         force = mpmath.mpf(0.7) * h ** (-order) * power * symbol + mpmath.eye(2)
         damped = mpmath.det(symbol * symbol / h**2 + force)
         free = mpmath.det(symbol * symbol / h**2 + mpmath.eye(2))
-    free_system = matrix_pencil(oscillator(damping=()))
-    reference = logarithm_at(step_determinants([free_system], method, 0.5), place)
+    free_system = independent_systems(oscillator(damping=()))
+    reference = logarithm_at(step_determinants(free_system, method, 0.5), place)
     ratio = complex(damped / free)
     assert np.exp(logarithm - reference) == pytest.approx(ratio, rel=1e-7)
 
@@ -191,21 +193,14 @@ def test_many_coupled_modes_are_counted_as_one_by_one():
     random = np.random.default_rng(4)
     stiffness, mu = random.uniform(0.5, 4.0, 8), random.uniform(0.1, 3.0, 8)
     turn, _ = np.linalg.qr(random.standard_normal((8, 8)))
-    whole = matrix_pencil(
-        oscillator(
-            1.0,
-            mass=np.eye(8),
-            stiffness=turn.T @ np.diag(stiffness) @ turn,
-            damping=((1.5, turn.T @ np.diag(mu) @ turn),),
-        )
-    )
+    ones = np.ones(8)
+    diagonal = np.stack([ones, stiffness, mu], axis=1)
+    parts = LinearSystems(orders=(1.5,), forms=diagonal[..., None, None])
+    turned = [turn.T @ np.diag(entries) @ turn for entries in (ones, stiffness, mu)]
+    whole = LinearSystems(orders=(1.5,), forms=np.stack(turned)[None])
     for method in (nodes(4, 2), points(6, 3)):
-        parts = [
-            matrix_pencil(oscillator(stiffness=k, damping=((1.5, m),)))
-            for k, m in zip(stiffness, mu, strict=True)
-        ]
         expected = count_zeros(step_determinants(parts, method, 0.1), 1 - 1e-4).sum()
-        together = step_determinants([whole], method, 0.1)
+        together = step_determinants(whole, method, 0.1)
         assert count_zeros(together, 1 - 1e-4) == expected >= 8
 
 

@@ -1,5 +1,6 @@
 """Stability of many modes, of planes, and over configurations."""
 
+import csv
 import dataclasses
 import math
 
@@ -11,10 +12,9 @@ from spread import spread
 from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.stability.determinants import plane_determinants, step_determinants
+from fvi_cli.integrator.stability.determinants import LinearSystems, step_determinants
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
-from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.transforms.zeros import count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
@@ -41,6 +41,11 @@ PLANE_METHODS = (
 )
 
 
+def plane_determinants(method, order, stiffness, damping):
+    forms = np.stack([np.ones_like(stiffness), stiffness, damping], axis=1)[..., None, None]
+    return step_determinants(LinearSystems(orders=(order,), forms=forms), method, 1.0)
+
+
 @pytest.mark.few(3)
 @pytest.mark.parametrize("method", PLANE_METHODS, ids=lambda method: method.case)
 def test_a_map_says_what_the_determinants_say_one_by_one(method):
@@ -49,11 +54,8 @@ def test_a_map_says_what_the_determinants_say_one_by_one(method):
         found = stability_map(method, order, stiffness, damping)
         for row, mu in enumerate(damping):
             for column, k in enumerate(stiffness):
-                system = MatrixPencil(
-                    mass=np.eye(1), stiffness=np.array([[k]]), damping=((order, np.array([[mu]])),)
-                )
                 radii = [math.exp(-growth) for growth in GROWTH_LEVELS]
-                alone = step_determinants([system], method, 1.0)
+                alone = plane_determinants(method, order, np.array([k]), np.array([mu]))
                 counts = [count_zeros(alone, one)[0] for one in radii]
                 level = next((n for n, count in enumerate(counts) if not count), len(counts))
                 assert found.level[row, column] == level, (order, k, mu)
@@ -148,7 +150,7 @@ def test_large_scenes_without_modes_are_decided_where_that_is_proved():
     for method in (NODES, Method(cq="bdf3", degree=1), Method(cq="bdf2", degree=2)):
         unknown = predict_stability(scene, method, 100)
         assert unknown.verdict == "unknown"
-        assert "cannot be decoupled" in unknown.reason
+        assert "100 coupled components" in unknown.reason
     (term,) = scene.damping
     fed = dataclasses.replace(
         scene, damping=(FractionalDamping(order=term.order, coefficient=-term.coefficient),)
@@ -187,12 +189,12 @@ def test_a_ladder_and_its_regions():
 
 def test_methods_that_differ_in_start_have_one_region():
     methods = [
-        GAUSS,
         dataclasses.replace(GAUSS, start="graded"),
+        GAUSS,
         NODES,
         Baseline(name="product-integration"),
     ]
-    assert distinct_regions(methods) == [GAUSS, NODES]
+    assert distinct_regions(methods) == [methods[0], NODES]
 
 
 def test_tables_hold_every_row():
@@ -203,7 +205,5 @@ def test_tables_hold_every_row():
     lines = texts["quick-stability.csv"].splitlines()
     assert lines[0] == ",".join(column.name for column in COLUMNS)
     assert len(lines) == 5
-    verdicts = [
-        line.split(",")[[one.name for one in COLUMNS].index("predicted")] for line in lines[1:]
-    ]
-    assert verdicts == [row.prediction.verdict for row in rows]
+    found = csv.DictReader(lines)
+    assert [row["predicted"] for row in found] == [row.prediction.verdict for row in rows]

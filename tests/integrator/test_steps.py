@@ -13,7 +13,7 @@ from fvi_cli.integrator.break_points import nearest_fitting, steps_at_break_poin
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 

@@ -1,13 +1,9 @@
 """Methods look and are named alike in all figures, and no two of them alike in one."""
 
-import dataclasses
 from itertools import combinations
 
-from made_runs import BDF1, BDF2
-
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.method_names import method_names
-from fvi_cli.plotting.looks import method_labels, method_looks
+from fvi_cli.plotting.looks import method_looks
 
 EULER = Baseline(name="explicit-euler")
 
@@ -58,14 +54,7 @@ def test_a_method_looks_the_same_in_every_figure():
     assert len({(look.colour, look.is_filled) for look in together.values()}) == len(families)
 
 
-def test_labels_are_the_names_of_tables_with_powers_typeset_and_starts_in_words():
-    mixed = [BDF2, Method(cq="bdf2", degree=2), Method(cq="gauss", degree=3), BDF1, EULER]
-    told = {case: name.label for case, name in method_names(mixed).items()}
-    assert method_labels(mixed) == told
-    plain = Method(cq="bdf3", degree=2, sampling="nodes")
-    corrected = dataclasses.replace(plain, start="weights", start_exponents=(2.5,))
-    both = method_labels([corrected, plain])
-    assert list(both.values()) == [
-        "BDF3, start corrected for $t^{5/2}$",
-        "BDF3, no start correction",
-    ]
+def test_powers_in_names_are_typeset():
+    corrected = Method(cq="bdf3", degree=2, start="weights", start_exponents=(2.5,))
+    (look,) = method_looks([corrected]).values()
+    assert look.label == "BDF3 (degree 2, weights $t^{5/2}$, galerkin forcing)"

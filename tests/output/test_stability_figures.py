@@ -73,7 +73,7 @@ def has_colour(level: np.ndarray, colour: str) -> bool:
     # three in a row, as narrow as such panels are
     maps = [
         StabilityMap(
-            method=Method(cq="gauss", degree=stages),
+            method=Method(cq="gauss", degree=stages, start="graded"),
             order=0.5,
             stiffness=axis,
             damping=axis,

@@ -10,7 +10,6 @@ import pytest
 from command_line import MANY
 
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.method_names import method_names
 from fvi_cli.plotting import figures_for, left_out
 from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
@@ -152,12 +151,11 @@ def test_a_line_tells_the_median_and_the_largest_error_and_where_it_is(two_keys)
         return [re.split("  +", line) for line in text.splitlines()[1:]]
 
     assert len(lines(finished)) == 8
-    names = method_names([one.run.method for one in finished])
     for _, name, n_steps, *told in lines(finished):
         own = [
             one
             for one in finished
-            if (names[one.run.method.case].label, str(one.run.n_steps)) == (name, n_steps)
+            if (one.run.method.label, str(one.run.n_steps)) == (name, n_steps)
         ]
         errors = [one.error for one in own]
         numbers = [f"{number:.3e}" for number in (np.median(errors), max(errors))]

@@ -8,7 +8,6 @@ import os
 import random
 import re
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pytest
@@ -17,8 +16,7 @@ from hypothesis import strategies as st
 from made_runs import BDF1, BDF2, STEPS, made_run, one_case, powers, rendered, row, table_of
 from spread import SEED
 
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method, RuleSpecification
-from fvi_cli.integrator.method_names import method_names
+from fvi_cli.integrator.method import Method
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.order_summary import short_titles
 from fvi_cli.reports.kinds.orders import COLUMNS
@@ -175,62 +173,6 @@ def test_the_csv_has_one_row_for_every_run_and_numbers_that_read_back():
     assert rendered("a", [table_of(count=0)])["csv"].count("\n") == 1
     plain, numpy = (one_case(row(2, kind(0.1))) for kind in (float, np.float64))
     assert rendered("a", [plain]) == rendered("a", [numpy])
-
-
-# --- names of methods -----------------------------------------------------------------------------
-
-
-def labels(*methods: AnyMethod) -> list[str]:
-    return [name.label for name in method_names(methods).values()]
-
-
-def bdf3(**changes: Any) -> Method:
-    return Method(**{"cq": "bdf3", "sampling": "nodes", "degree": 2, **changes})
-
-
-CORRECTED = [
-    bdf3(start="weights", start_exponents=(2.5,)),
-    bdf3(),
-    bdf3(degree=1),
-    bdf3(quadrature=RuleSpecification(points=5)),
-]
-
-
-@pytest.mark.parametrize(
-    ("methods", "names"),
-    [
-        ([Method(cq="gauss", degree=3), BDF2], ["Gauss3", "BDF2"]),
-        ([Method(cq="lobatto-iiic", degree=3)], ["Lobatto IIIC 4"]),
-        ([Baseline(name="explicit-euler")], ["explicit Euler"]),
-        # samples at nodes are the paper's; where all are at points, that is said as well
-        ([BDF2, bdf3(sampling="points")], ["BDF2 nodes", "BDF3 points"]),
-        ([bdf3(sampling="points")], ["BDF3 points"]),
-        (
-            CORRECTED,
-            [
-                "BDF3, degree 2, 2 Gauss, weights t^2.5",
-                "BDF3, degree 2, 2 Gauss, plain",
-                "BDF3, degree 1, 1 Gauss, plain",
-                "BDF3, degree 2, 5 Gauss, plain",
-            ],
-        ),
-        # the rule follows from the degree: one of them is enough
-        ([bdf3(), bdf3(degree=1)], ["BDF3, degree 2", "BDF3, degree 1"]),
-    ],
-)
-def test_methods_are_told_apart_by_what_differs(methods, names):
-    assert labels(*methods) == names
-
-
-def test_whatever_differs_no_two_share_a_name():
-    corrected = CORRECTED[0]
-    others = [
-        dataclasses.replace(corrected, quadrature=RuleSpecification(rule="lobatto", points=4)),
-        dataclasses.replace(corrected, forcing_quadrature="exact"),
-        Method(cq="lobatto-iiic", degree=2),
-    ]
-    found = labels(BDF1, GAUSS3, Baseline(name="explicit-euler"), *CORRECTED, *others)
-    assert len(set(found)) == len(found) == 10
 
 
 # --- grids ---------------------------------------------------------------------

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.bdf import convolution_weights
 
 Array = NDArray[np.float64]
@@ -56,7 +56,7 @@ def integrate_advanced(
     nodes = method.sampling == "nodes"
     # the mirror image of the sampling rule: on the nodes the right end, otherwise the same points
     sample_basis = np.eye(s + 1)[:, -1:] if nodes else tables.sample_basis
-    sample_weights = np.ones(1) if nodes else tables.sample_weights
+    sample_weights = np.ones(1) if nodes else tables.weights
     weights = [
         (h ** (-term.order) * convolution_weights(method.bdf_order, term.order, n_steps + 1), term)
         for term in scene.active_damping

@@ -11,7 +11,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.operators import left_operator
 from fvi_cli.scenes.data import linear_oscillator, pendulum
 
@@ -76,7 +76,7 @@ def test_derivative_of_the_action_is_the_sum_of_both_residuals(sampling):
     # the paper samples on the nodes, each of weight 1
     on_nodes = sampling == "nodes"
     sample_basis = np.eye(degree + 1)[:, :1] if on_nodes else tables.sample_basis
-    sample_weights = np.ones(1) if on_nodes else tables.sample_weights
+    sample_weights = np.ones(1) if on_nodes else tables.weights
 
     def samples(q: np.ndarray) -> np.ndarray:
         inside = q[index] @ sample_basis

@@ -12,15 +12,16 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.method import (
     BASELINE_NAMES,
     BDF_NAMES,
+    EXAMPLES,
     RUNGE_KUTTA_NAMES,
     AnyMethod,
     ForcingQuadrature,
     Method,
     Sampling,
     Start,
+    keys_of_name,
+    make_method,
 )
-from fvi_cli.integrator.method_by_name import EXAMPLES, keys_of_name, make_method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.keys.containers import ByForm, ListOf, OneOrMany
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.nodes import MappingNode
@@ -134,10 +135,9 @@ METHODS: Final = OneOrMany(
 
 @dataclass(frozen=True, kw_only=True)
 class ListedMethod:
-    """A method, its resolved keys, and the cursor at its entry."""
+    """A method, and the cursor at its entry."""
 
     method: AnyMethod
-    resolved: Mapping[str, Any]
     at: Cursor
 
 
@@ -179,13 +179,13 @@ def _combinations(
     for indices in itertools.product(*(range(len(choices)) for choices in values.values())):
         chosen = dict(zip(values, indices, strict=True))
         try:
-            method, resolved = make_method(
-                {key: values[key][index] for key, index in chosen.items()}, usual_start=start
+            method = make_method(
+                {key: values[key][index] for key, index in chosen.items()}, start=start
             )
         except ArgumentError as error:
             _complain(error, chosen, at)
             continue
-        yield ListedMethod(method=method, resolved=resolved, at=at)
+        yield ListedMethod(method=method, at=at)
 
 
 def _is_coherent(values: Mapping[str, list[Any]], at: Cursor) -> bool:
@@ -217,7 +217,7 @@ def _complain(error: ArgumentError, chosen: Mapping[str, int], at: Cursor) -> No
 def objection_to_grading(method: AnyMethod) -> str:
     """Why a method needs equal steps, and what to do; empty if it does not."""
     if not isinstance(method, Method) or method.cq != "gauss":
-        return f"{method_name(method)} needs equal steps; leave grading out, or use rk: gauss"
+        return f"{method.label} needs equal steps; leave grading out, or use rk: gauss"
     if method.start == "graded":
-        return f"{method_name(method)} makes its own mesh; leave grading out, or give start: none"
+        return f"{method.label} makes its own mesh; leave grading out, or give start: none"
     return ""

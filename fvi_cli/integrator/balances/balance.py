@@ -32,7 +32,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

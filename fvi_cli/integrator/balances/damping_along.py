@@ -2,7 +2,7 @@ r"""Damping forces and stored energy along finished runs, from the memory's inpu
 
 Inputs are the velocities at stages for Runge-Kutta methods, the unknowns U for backward
 differences. At the stages of a Runge-Kutta step the force is that of the scheme; between them it is
-the polynomial through these values, :attr:`fvi_cli.integrator.step_tables.StepTables.stage_basis`.
+the polynomial through these values, :attr:`fvi_cli.integrator.tables.StepTables.stage_basis`.
 With the states :math:`s_j` of the damping and weights :math:`e_j` of the kernel
 
 .. math:: E^\text{stored} = \tfrac12 \sum_j e_j\, s_j \cdot D s_j,
@@ -29,7 +29,7 @@ from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 PIECE = 64

@@ -26,7 +26,6 @@ from fvi_cli.integrator.memory.interface import Combination, Kernels, along, toe
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import DamperForms
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array, Places
 
 
@@ -289,8 +288,7 @@ def law_objection(scene: Scene, method: AnyMethod) -> str:
     if not isinstance(method, Baseline) and method.is_runge_kutta:
         return ""
     return (
-        f"{method_name(method)} cannot integrate relaxation laws "
-        "(zener, maxwell, prony); take rk: gauss"
+        f"{method.label} cannot integrate relaxation laws (zener, maxwell, prony); take rk: gauss"
     )
 
 

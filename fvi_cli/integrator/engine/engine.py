@@ -25,7 +25,7 @@ from fvi_cli.integrator.engine.tables import on_steps
 from fvi_cli.integrator.loads.step_loads import StepLoads
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Mask, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

@@ -19,7 +19,7 @@ from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.tables import apply, on_every_component, on_steps
 from fvi_cli.integrator.memory.interface import constant_lags, toeplitz_matrix
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Places
 
 STEPS_OF_BLOCK = 64

@@ -26,7 +26,7 @@ from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, by_columns, on_components, on_points, on_steps
 from fvi_cli.integrator.memory.interface import toeplitz_matrix
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Mask, Places
 
 

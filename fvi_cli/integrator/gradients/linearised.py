@@ -45,7 +45,7 @@ from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponenti
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_STEP = 1500

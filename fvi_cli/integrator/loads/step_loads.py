@@ -11,7 +11,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads.panels import graded_rule, tested_rule
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
 

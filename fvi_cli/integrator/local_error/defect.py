@@ -21,7 +21,7 @@ from fvi_cli.effects.matrices import Form, Solve, solver, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.forces import PointForces, SceneForces
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

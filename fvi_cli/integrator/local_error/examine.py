@@ -11,7 +11,7 @@ from fvi_cli.integrator.local_error.defect import Between, StepPath, stiff_modes
 from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.local_error.looks import Looks
 from fvi_cli.integrator.meshes.samples import ForceSamples
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 
 

@@ -17,7 +17,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.local_error.defect import Between, StepPath
 from fvi_cli.integrator.local_error.forces import PointForces
 from fvi_cli.integrator.meshes.samples import EVERY, ForceSamples, sample_forces
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 
 PLACES: Final = 8_192  # places of a run at which forces of the motion are evaluated

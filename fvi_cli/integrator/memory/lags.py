@@ -23,7 +23,7 @@ import numpy as np
 from fvi_cli.integrator.memory.interface import Combination, Kernels, along
 from fvi_cli.integrator.memory.kernel import Term, power_kernel
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.bdf import difference_weights
 

@@ -22,7 +22,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import Located, RunSteps, located_once
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.series.chebyshev import evaluate_series
 

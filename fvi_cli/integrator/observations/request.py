@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
@@ -259,6 +258,6 @@ def check_observable(method: AnyMethod) -> None:
     """
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
-            f"{method_name(method)} keeps no polynomials of its steps; "
+            f"{method.label} keeps no polynomials of its steps; "
             "output, quantities and events need a Runge-Kutta method, such as rk: gauss"
         )

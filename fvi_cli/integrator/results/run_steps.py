@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
-from fvi_cli.integrator.step_tables import StepTables
+from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
 

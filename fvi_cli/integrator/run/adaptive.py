@@ -15,9 +15,8 @@ from fvi_cli.integrator.local_error.examine import Examiner
 from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.run.points import Proposal, why_unsolved
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
 MOST_SHORTEST = 256.0
@@ -36,7 +35,7 @@ def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepC
     if method.cq != "gauss" or method.degree < 2:
         raise ValueError(
             f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
-            f"for {method_name(method)}"
+            f"for {method.label}"
         )
     is_singular = start_power(scene, at_start=True) is not None
     return StepController(

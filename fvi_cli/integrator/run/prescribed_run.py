@@ -25,10 +25,9 @@ from fvi_cli.integrator.meshes.graded_start import (
 )
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, steps_of_parts, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.method_names import method_name
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.integrator.step_tables import step_tables
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
@@ -63,7 +62,7 @@ def integrate_prescribed(
     """
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
-            f"method: {method_name(method)} cannot take a given displacement; "
+            f"method: {method.label} cannot take a given displacement; "
             "take rk: gauss, such as gauss3"
         )
     motion = replace(motion, final_time=scene.final_time)

@@ -8,18 +8,44 @@ step.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.decoupling import decouple_forms
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.integrator.stability.patterns import Patterns, step_patterns
-from fvi_cli.integrator.stability.systems import MatrixPencil
 from fvi_cli.mathematics.arrays import Array, ComplexArray, Integers
 
 ENTRIES_AT_ONCE = 2_000_000
-"""Most entries of the matrices whose determinants are computed together."""
+"""Most entries of the matrices whose determinants are computed together: some 32 MB."""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class LinearSystems:
+    r"""Systems :math:`M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = 0` of one size."""
+
+    orders: tuple[float, ...]  # gamma_j
+    forms: Array  # M, K, mu_1, mu_2, ... of every system, (number, 2 + len(orders), d, d)
+
+
+def independent_systems(scene: Scene) -> LinearSystems:
+    """The independent systems of a linear scene, equal ones once; or the whole, if it is coupled.
+
+    If there are several, each has one component.
+    """
+    sums: dict[float, Array] = {}
+    for term in scene.active_damping:
+        sums[term.order] = sums.get(term.order, 0.0) + term.matrix.T
+    sums = {order: matrix for order, matrix in sums.items() if matrix.any()}
+    whole = (scene.inertia.mass, scene.stiffness, *sums.values())
+    parts = decouple_forms(whole[0], whole[1], whole[2:])
+    forms = np.stack([parts.matrices(form) for form in whole], axis=1)
+    if len(forms) > 1:
+        digits = np.char.mod("%.12e", forms.reshape(len(forms), -1))
+        forms = forms[np.sort(np.unique(digits, axis=0, return_index=True)[1])]
+    return LinearSystems(orders=tuple(sums), forms=forms)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +54,7 @@ class StepDeterminants:
 
     patterns: Patterns
     forms: Array  # matrices that belong to the patterns, (number of systems, patterns, d, d)
-    degree: int
+    degree: int  # about how many zeros each has
 
     @property
     def number(self) -> int:
@@ -46,7 +72,7 @@ class StepDeterminants:
         """Logarithms of determinants of sums of Kronecker products."""
         rows, numbers = np.broadcast_arrays(rows, numbers)
         row, number, n = rows.ravel(), numbers.ravel(), table.shape[-1] * self.forms.shape[-1]
-        found = np.empty(row.size, dtype=np.complex128)
+        logarithms = np.empty(row.size, dtype=np.complex128)
         at_once = max(1, ENTRIES_AT_ONCE // (n * n + table[0].size))
         for begin in range(0, row.size, at_once):
             part = slice(begin, begin + at_once)
@@ -54,8 +80,30 @@ class StepDeterminants:
             k, i, a, d = *patterns.shape[:3], forms.shape[-1]
             whole = patterns.reshape(k, i, -1).swapaxes(1, 2) @ forms.reshape(k, i, -1)
             whole = whole.reshape(k, a, a, d, d).swapaxes(2, 3)
-            found[part] = log_determinants(whole.reshape(-1, n, n))
-        return found.reshape(rows.shape)
+            logarithms[part] = log_determinants(whole.reshape(-1, n, n))
+        return logarithms.reshape(rows.shape)
+
+
+def step_determinants(
+    systems: LinearSystems, method: AnyMethod, step_size: float
+) -> StepDeterminants:
+    r"""Step determinants of systems, one for each.
+
+    The forms are M, :math:`h^2 K` and :math:`h^{2-\gamma_j} \mu_j`, relative to the size of M.
+    """
+    powers = np.array([0.0, 2.0, *(2.0 - order for order in systems.orders)])
+    sizes = np.abs(systems.forms[:, 0]).max(axis=(1, 2))
+    factors = step_size**powers / sizes[:, None]
+    # zeros: the unknowns of a step, and the turns of the powers of a symbol
+    turns = 0.0
+    if not isinstance(method, Baseline) and not method.is_runge_kutta:
+        turns = method.bdf_order * max(systems.orders, default=0.0)
+    zeros = 2 if isinstance(method, Baseline) else method.degree + 2 + math.ceil(turns)
+    return StepDeterminants(
+        patterns=step_patterns(method, systems.orders),
+        forms=factors[:, :, None, None] * systems.forms,
+        degree=zeros * systems.forms.shape[-1],
+    )
 
 
 def log_determinants(matrices: ComplexArray) -> ComplexArray:
@@ -67,49 +115,3 @@ def log_determinants(matrices: ComplexArray) -> ComplexArray:
         sign, logarithm = np.linalg.slogdet(matrices / sizes[..., None])
         logarithm = logarithm + np.log(sizes).sum(axis=-1)
     return np.asarray(logarithm + 1j * np.angle(sign))
-
-
-def step_determinants(
-    systems: Sequence[MatrixPencil], method: AnyMethod, step_size: float | Array
-) -> StepDeterminants:
-    r"""Step determinants of systems with one step size, or of one system with many.
-
-    The forms are M, :math:`h^2 K` and :math:`h^{2-\gamma_j} D_j`, relative to the size of M; the
-    damping of all systems has the same orders.
-    """
-    first = systems[0]
-    orders = tuple(order for order, _ in first.damping)
-    h = np.asarray(step_size)[..., None, None]
-    mass = np.array([system.mass for system in systems])
-    scale = np.abs(mass).max(axis=(1, 2), keepdims=True)
-    stiffness = h * h / scale * np.array([system.stiffness for system in systems])
-    damping = [
-        h ** (2.0 - order) / scale * np.array([system.damping[j][1].T for system in systems])
-        for j, order in enumerate(orders)
-    ]
-    forms = np.broadcast_arrays(mass / scale, stiffness, *damping)
-    return StepDeterminants(
-        patterns=step_patterns(method, orders),
-        forms=np.stack(forms, axis=1),
-        degree=_degree(method, orders) * first.dimension,
-    )
-
-
-def _degree(method: AnyMethod, orders: tuple[float, ...]) -> int:
-    """About how many zeros a determinant has: its unknowns, and the turns of a symbol's powers."""
-    if isinstance(method, Baseline):
-        return 2
-    turns = 0.0 if method.is_runge_kutta else method.bdf_order * max(orders, default=0.0)
-    return method.degree + 2 + math.ceil(turns)
-
-
-def plane_determinants(
-    method: AnyMethod, order: float, stiffness: Array, damping: Array
-) -> StepDeterminants:
-    r"""Determinants at n points :math:`(h^2 k / m, h^{2 - \gamma} \mu / m)` of a plane."""
-    forms = np.stack([np.ones_like(stiffness), stiffness, damping], axis=1)
-    return StepDeterminants(
-        patterns=step_patterns(method, (order,)),
-        forms=forms[..., None, None],
-        degree=_degree(method, (order,)),
-    )

@@ -27,14 +27,13 @@ with small matrices :math:`A_i(z)`, the patterns, whose entries are finite where
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
 
-from fvi_cli.integrator.memory.stages import StageOperator, stage_operator
+from fvi_cli.integrator.memory.stages import stage_operator
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import ComplexArray
 from fvi_cli.mathematics.bdf import symbol_at
 
@@ -42,12 +41,8 @@ Patterns = Callable[[ComplexArray], ComplexArray]
 Forces = Callable[[ComplexArray], list[ComplexArray]]
 """From points z, ``(k,)``, to the forces by increments, ``(k, m, s)`` for each order."""
 
-MASS, STIFFNESS, DAMPING = 0, 1, 2
-"""Places of the patterns; the patterns of damping orders begin at DAMPING."""
-
 LARGEST_CONDITION = 1e6
 """Eigenvectors worse conditioned than this belong to eigenvalues that nearly coincide."""
-
 
 _BASELINES: dict[str, Callable[[ComplexArray], tuple[ComplexArray, ComplexArray]]] = {
     "explicit-euler": lambda z: (z * z, z),
@@ -59,7 +54,7 @@ _BASELINES: dict[str, Callable[[ComplexArray], tuple[ComplexArray, ComplexArray]
 
 def has_patterns(method: AnyMethod) -> bool:
     """Whether the step equations of `method` are known here; those of some baselines are not."""
-    return not isinstance(method, Baseline) or method.name in _BASELINES
+    return isinstance(method, Method) or method.name in _BASELINES
 
 
 @functools.lru_cache(maxsize=64)
@@ -68,47 +63,48 @@ def step_patterns(method: AnyMethod, orders: tuple[float, ...]) -> Patterns:
 
     Raises
     ------
-    ValueError
+    KeyError
         For a method without :func:`has_patterns`.
     """
-    if not has_patterns(method):
-        raise ValueError(f"method: the step equations of {method_name(method)} are not known here")
     if isinstance(method, Baseline):
-        factors = _BASELINES[method.name]
-
-        def of_baseline(z: ComplexArray) -> ComplexArray:
-            by_stiffness, by_damping = factors(z)
-            damping = [by_damping * (1.0 - z) ** order for order in orders]
-            return np.stack([(1.0 - z) ** 2, by_stiffness, *damping], axis=1)[..., None, None]
-
-        return of_baseline
+        return _baseline_patterns(method, orders)
     tables = step_tables(method)
-    force_weights = tables.sample_test_weights
+    force_weights = tables.to_loads
     if method.is_runge_kutta:
-        stages = stage_operator(method.cq, method.stages)
-        force_weights = force_weights @ stages.to_values
-        forces = _staged_forces(stages, tables, orders)
+        force_weights = force_weights @ stage_operator(method.cq, method.stages).to_values
+        forces = _staged_forces(method, tables, orders)
     else:
         forces = _sampled_forces(method, tables, orders)
     s = tables.degree
     # coefficients of the increments and x in the equations with nu = 0 to s - 1 and in G
-    constant = np.zeros((DAMPING, s + 1, s + 1))
-    constant[MASS, :s, :s] = tables.mass_matrix
-    constant[STIFFNESS, :s, :s] = -tables.test_weights[:-1] @ tables.basis[1:].T
-    constant[STIFFNESS, :s, s] = -tables.test_weights[:-1].sum(axis=1)
-    constant[STIFFNESS, s] = np.append(tables.weights @ tables.basis[1:].T, 1.0)
+    constant = np.zeros((2, s + 1, s + 1))
+    constant[0, :s, :s] = tables.mass_matrix
+    constant[1, :s, :s] = -tables.test_weights[:-1] @ tables.basis[1:].T
+    constant[1, :s, s] = -tables.test_weights[:-1].sum(axis=1)
+    constant[1, s] = np.append(tables.weights @ tables.basis[1:].T, 1.0)
     tests = np.concatenate([-force_weights[:-1], force_weights.sum(axis=0)[None]])
 
     def patterns(z: ComplexArray) -> ComplexArray:
-        whole = np.zeros((z.size, DAMPING + len(orders), s + 1, s + 1), dtype=np.complex128)
-        whole[:, :DAMPING] = constant
+        whole = np.zeros((z.size, 2 + len(orders), s + 1, s + 1), dtype=np.complex128)
+        whole[:, :2] = constant
         for index, force in enumerate(forces(z)):
-            whole[:, DAMPING + index, :, :s] = tests @ force
+            whole[:, 2 + index, :, :s] = tests @ force
         at = z[:, None, None]
         last = (1.0 - at) * whole[..., s - 1] + at * whole[..., s]
         columns = np.concatenate([whole[..., : s - 1], last[..., None]], axis=3)
         behind = at * columns[..., s, :] - (1.0 - at) * columns[..., 0, :]
         return np.concatenate([columns[..., 1:s, :], behind[..., None, :]], axis=2)
+
+    return patterns
+
+
+def _baseline_patterns(method: Baseline, orders: tuple[float, ...]) -> Patterns:
+    factors = _BASELINES[method.name]
+
+    def patterns(z: ComplexArray) -> ComplexArray:
+        by_stiffness, by_damping = factors(z)
+        damping = [by_damping * (1.0 - z) ** order for order in orders]
+        return np.stack([(1.0 - z) ** 2, by_stiffness, *damping], axis=1)[..., None, None]
 
     return patterns
 
@@ -122,38 +118,33 @@ def _sampled_forces(method: Method, tables: StepTables, orders: tuple[float, ...
     def forces(z: ComplexArray) -> list[ComplexArray]:
         samples = at_points + z[:, None, None] * carried
         # A(alpha) stability: the symbol keeps away from the cut along the negative axis
-        symbol = symbol_at(method.bdf_order, z)
-        factors = [symbol**order / (1.0 - z) for order in orders]
-        return [np.asarray(factor[:, None, None] * samples) for factor in factors]
+        symbol, summed = symbol_at(method.bdf_order, z), 1.0 / (1.0 - z)
+        return [(symbol**order * summed)[:, None, None] * samples for order in orders]
 
     return forces
 
 
-def _staged_forces(stages: StageOperator, tables: StepTables, orders: tuple[float, ...]) -> Forces:
-    """Forces of Runge-Kutta methods: from increments to stage coefficients, and to forces."""
+def _staged_forces(method: Method, tables: StepTables, orders: tuple[float, ...]) -> Forces:
+    r"""Forces of Runge-Kutta methods: from increments to stage coefficients, and to forces.
+
+    Between coefficients :math:`\Delta(z)^{-1} = X + z / (1 - z) e_1 e_1^T`: near z = 1 one large
+    entry is added to a matrix of moderate ones, whose small eigenvalues are not lost.
+    """
+    stages = stage_operator(method.cq, method.stages)
     samples = (stages.to_coefficients @ tables.slopes[1:].T).astype(np.complex128)
 
     def forces(z: ComplexArray) -> list[ComplexArray]:
-        if all(order == 1.0 for order in orders):
-            return [np.tile(samples, (z.size, 1, 1)) for _ in orders]
-        powers = _symbol_powers(stages, z, [order - 1.0 for order in orders])
-        return [np.asarray(power @ samples) for power in powers]
+        inverse_symbols = np.tile(stages.matrix.astype(np.complex128), (z.size, 1, 1))
+        inverse_symbols[:, 0, 0] += z / (1.0 - z)
+        return _matrix_powers(inverse_symbols, [1.0 - order for order in orders], samples)
 
     return forces
 
 
-def _symbol_powers(
-    stages: StageOperator, z: ComplexArray, exponents: Sequence[float]
+def _matrix_powers(
+    matrices: ComplexArray, exponents: list[float], samples: ComplexArray
 ) -> list[ComplexArray]:
-    r"""Powers of the symbol :math:`\Delta(z)` between coefficients, each ``(n, m, m)``.
-
-    There :math:`\Delta(z)^{-1} = X + z / (1 - z) e_1 e_1^T`: near z = 1 one large entry is added
-    to a matrix of moderate ones, whose small eigenvalues are not lost.
-    """
-    matrices: ComplexArray = np.tile(stages.matrix.astype(np.complex128), (z.size, 1, 1))
-    matrices[:, 0, 0] += z / (1.0 - z)
-    if stages.n_stages == 1:
-        return [np.asarray(matrices**-exponent) for exponent in exponents]
+    """Principal powers of each matrix times `samples`."""
     values, vectors = np.linalg.eig(matrices)
     try:
         inverses = np.linalg.inv(vectors)
@@ -164,14 +155,11 @@ def _symbol_powers(
         sizes = [(np.abs(one) ** 2).sum(axis=(1, 2)) for one in (vectors, inverses)]
         poor = np.flatnonzero(~(sizes[0] * sizes[1] < LARGEST_CONDITION**2))
     inverses[poor] = 0.0
-    found = [
-        np.asarray((vectors * values[:, None, :] ** -exponent) @ inverses, dtype=np.complex128)
-        for exponent in exponents
-    ]
+    powers = [(vectors * values[:, None, :] ** exponent) @ inverses for exponent in exponents]
     if poor.size:
         from scipy.linalg import fractional_matrix_power
 
-        for power, exponent in zip(found, exponents, strict=True):
+        for power, exponent in zip(powers, exponents, strict=True):
             for index in poor:
-                power[index] = fractional_matrix_power(matrices[index], -exponent)
-    return found
+                power[index] = fractional_matrix_power(matrices[index], exponent)
+    return [power @ samples for power in powers]

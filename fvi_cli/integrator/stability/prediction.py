@@ -12,19 +12,20 @@ scenes without a source of energy, whose motions do not grow; of others nothing 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import AnyMethod, Baseline
-from fvi_cli.integrator.method_by_name import as_method
-from fvi_cli.integrator.method_names import method_name
-from fvi_cli.integrator.stability.determinants import StepDeterminants, step_determinants
+from fvi_cli.integrator.method import AnyMethod, Baseline, as_method
+from fvi_cli.integrator.stability.determinants import (
+    LinearSystems,
+    StepDeterminants,
+    independent_systems,
+    step_determinants,
+)
 from fvi_cli.integrator.stability.patterns import has_patterns
-from fvi_cli.integrator.stability.systems import MatrixPencil, independent_systems
 from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 
 Verdict = Literal["stable", "unstable", "unknown"]
@@ -44,7 +45,7 @@ FASTEST = 700.0
 ACCURACY = 1e-6
 """Relative accuracy of the growth of the worst mode."""
 
-# a little different where a zero lies on the circle itself
+# shares of log(1/|z|) N = 1; a little different where a zero lies on the circle itself
 _SHARES = (10.0, 10.7, 9.1)
 
 
@@ -55,12 +56,6 @@ class StabilityPrediction:
     verdict: Verdict  # unknown where nothing is proved
     growth_per_step: float = 0.0  # log(1/|z|) of the worst mode; 0 where none grows
     reason: str = ""
-
-
-NO_GAIN = StabilityPrediction(
-    verdict="stable",
-    reason="the scene has no source of energy, and no step of the method gains energy",
-)
 
 
 def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> StabilityPrediction:
@@ -77,23 +72,24 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
     if n_steps < 1:
         raise ValueError(f"n_steps: {n_steps!r} is not allowed; it must be an integer >= 1")
     if not has_patterns(method):
-        return StabilityPrediction(
-            verdict="unknown", reason=f"no prediction for {method_name(method)}"
-        )
+        return _unknown(f"no prediction for {method.label}")
     if not scene.is_linear:
-        return StabilityPrediction(verdict="unknown", reason="the scene is nonlinear")
+        return _unknown("the scene is nonlinear")
     if not scene.is_dissipative:
-        reason = "the scene has a source of energy"
-        return StabilityPrediction(verdict="unknown", reason=reason)
+        return _unknown("the scene has a source of energy")
     if gains_no_energy(method):
-        return NO_GAIN
-    systems = () if scene.is_sparse or scene.active_laws else independent_systems(scene)
-    if reason := _why_not(scene, systems):
-        return StabilityPrediction(verdict="unknown", reason=reason)
+        reason = "the scene has no source of energy, and no step of the method gains energy"
+        return StabilityPrediction(verdict="stable", reason=reason)
+    if scene.active_laws:
+        return _unknown("modes are not computed for scenes with relaxation laws")
+    if scene.is_sparse:
+        return _unknown(f"modes are not computed for {scene.dimension} coupled components")
+    systems = independent_systems(scene)
+    if reason := _too_large(systems):
+        return _unknown(reason)
     growth = _growth(step_determinants(systems, method, scene.final_time / n_steps), n_steps)
     if growth is None:
-        reason = "a mode lies too close to the circle of no growth to be counted"
-        return StabilityPrediction(verdict="unknown", reason=reason)
+        return _unknown("a mode lies too close to the circle of no growth to be counted")
     if growth == 0.0:
         return StabilityPrediction(verdict="stable", reason="no mode grows")
     return StabilityPrediction(
@@ -103,10 +99,41 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
     )
 
 
+def gains_no_energy(method: AnyMethod) -> bool:
+    r"""Whether no run of a dissipative scene can grow by this method, whatever its matrices.
+
+    Gauss: the damping force does negative work over every run, and the rest keeps the energy, for
+    the symbol is a matrix of positive real part. One point and BDF1 or BDF2: divided by
+    :math:`((1 + z) / 2)^2` the equations are
+    :math:`\sigma(z)^2 M + K + \sum_j (\gamma_p(z) / h)^{\gamma_j} D_j` with the
+    trapezoidal rule's :math:`\sigma`; all terms have negative imaginary parts where Im z > 0.
+    """
+    if isinstance(method, Baseline):
+        return False
+    if method.is_runge_kutta:
+        return method.cq == "gauss"
+    is_midpoint = method.degree == 1 and (method.rule.rule, method.rule.points) == ("gauss", 1)
+    return is_midpoint and method.sampling == "points" and method.bdf_order <= 2
+
+
+def _unknown(reason: str) -> StabilityPrediction:
+    return StabilityPrediction(verdict="unknown", reason=reason)
+
+
+def _too_large(systems: LinearSystems) -> str:
+    number, size = len(systems.forms), systems.forms.shape[-1]
+    words = "modes are not computed for"
+    if size > LARGEST_DIMENSION:
+        return f"{words} {size} coupled components; at most {LARGEST_DIMENSION}"
+    if number > LARGEST_NUMBER_OF_SYSTEMS:
+        return f"{words} {number} independent systems; at most {LARGEST_NUMBER_OF_SYSTEMS}"
+    return ""
+
+
 def _growth(determinants: StepDeterminants, n_steps: int) -> float | None:
     """Logarithm of the growth of the worst mode per step; 0 where none grows by a tenth over N.
 
-    None where the modes cannot be counted.
+    By bisection of the radius of a circle with zeros. None where the modes cannot be counted.
     """
     counts = np.full(determinants.number, UNDECIDED)
     for share in _SHARES:
@@ -127,41 +154,3 @@ def _growth(determinants: StepDeterminants, n_steps: int) -> float | None:
         else:
             high = middle
     return low
-
-
-def _why_not(scene: Scene, systems: Sequence[MatrixPencil]) -> str:
-    """Why the determinants of a scene are not computed; empty if they are."""
-    if scene.active_laws:
-        return "modes are not computed for scenes with relaxation laws"
-    if scene.is_sparse:
-        return f"modes are not computed for {scene.dimension} coupled components"
-    size = systems[0].dimension
-    if size > LARGEST_DIMENSION:
-        return (
-            f"modes are not computed for {size} components that cannot be decoupled; "
-            f"at most {LARGEST_DIMENSION}"
-        )
-    if len(systems) > LARGEST_NUMBER_OF_SYSTEMS:
-        return (
-            f"modes are not computed for {len(systems)} independent systems; at most "
-            f"{LARGEST_NUMBER_OF_SYSTEMS}"
-        )
-    return ""
-
-
-def gains_no_energy(method: AnyMethod) -> bool:
-    r"""Whether no run of a dissipative scene can grow by this method, whatever its matrices.
-
-    Gauss: the damping force does negative work over every run, and the rest keeps the energy, for
-    the symbol is a matrix of positive real part. One point and BDF1 or BDF2: divided by
-    :math:`((1 + z) / 2)^2` the equations are
-    :math:`\sigma(z)^2 M + K + \sum_j (\gamma_p(z) / h)^{\gamma_j} D_j` with the
-    trapezoidal rule's :math:`\sigma`; all terms have negative imaginary parts where Im z > 0.
-    """
-    if isinstance(method, Baseline):
-        return False
-    if method.is_runge_kutta:
-        return method.cq == "gauss"
-    rule = method.rule
-    is_midpoint = method.degree == 1 and (rule.rule, rule.points) == ("gauss", 1)
-    return is_midpoint and method.sampling == "points" and method.bdf_order <= 2

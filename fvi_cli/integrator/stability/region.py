@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.stability.determinants import plane_determinants
+from fvi_cli.integrator.stability.determinants import LinearSystems, step_determinants
 from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
 
@@ -51,10 +51,10 @@ def stability_map(
     for name, values in (("stiffness", stiffness), ("damping", damping)):
         if values.ndim != 1 or values.size == 0 or values[0] < 0 or np.any(np.diff(values) <= 0):
             raise ValueError(f"{name}: values must increase and not be negative")
-    across, up = np.meshgrid(stiffness, damping)
-    plane = plane_determinants(method, order, across.ravel(), up.ravel())
-    level = np.zeros(across.size, dtype=np.int64)
-    left = np.arange(across.size)
+    across, up = (axis.ravel() for axis in np.meshgrid(stiffness, damping))
+    forms = np.stack([np.ones_like(across), across, up], axis=1)[..., None, None]
+    plane = step_determinants(LinearSystems(orders=(order,), forms=forms), method, 1.0)
+    level, left = np.zeros(across.size, dtype=np.int64), np.arange(across.size)
     for number, growth in enumerate(GROWTH_LEVELS):
         counts = count_zeros(plane[left], math.exp(-growth))
         level[left[counts == UNDECIDED]] = UNDECIDED if number == 0 else number
@@ -65,5 +65,5 @@ def stability_map(
         order=order,
         stiffness=stiffness,
         damping=damping,
-        level=level.reshape(across.shape),
+        level=level.reshape(damping.size, stiffness.size),
     )

@@ -21,7 +21,7 @@ from scipy.special import rgamma
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.step_tables import StepTables, step_tables
+from fvi_cli.integrator.tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
 
@@ -184,7 +184,7 @@ class _Correction:
             # at both ends of every step; the first kick is left out
             force = np.stack([force[:-1, 0], force[1:, 0]], axis=1)
             force[0, 0] = 0.0
-        to_loads = -self._h * self._tables.sample_test_weights
+        to_loads = -self._h * self._tables.to_loads
         return np.asarray(np.einsum("vm,kmd->kvd", to_loads, force[: self._n_steps]))
 
     def solved(self, first_samples: FirstSamples) -> Array:

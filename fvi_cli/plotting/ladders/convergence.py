@@ -10,10 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.method_names import method_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
-from fvi_cli.plotting.looks import MethodLook, common_features, method_looks
+from fvi_cli.plotting.looks import MethodLook, method_looks
 from fvi_cli.plotting.panels import MOST_COLOURED, MOST_LINES, ladders
 from fvi_cli.plotting.words import (
     fraction_in_words,
@@ -72,7 +71,6 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
         panels,
         x=_step_label([experiment for experiment, _ in studies]),
         columns=columns,
-        title=common_features(methods),
     )
 
 
@@ -135,8 +133,8 @@ def _order(rows: Sequence[FinishedRun]) -> float:
 def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> list[_Part]:
     """A panel for every variant if the methods of some families have two or three variants."""
     experiment, finished = study
-    names = method_names([item.run.method for item in finished])
-    variants = dict.fromkeys(name.variant for name in names.values())
+    methods = {item.run.method.case: item.run.method for item in finished}
+    variants = dict.fromkeys(method.variant for method in methods.values())
     if not 1 < len(variants) <= _MOST_ROWS:
         return []
     parts: list[_Part] = []
@@ -144,10 +142,10 @@ def _by_variant(title: str, study: Study, looks: Mapping[str, MethodLook]) -> li
         own = {
             # the title of the panel names the variant, so marks need not show it
             case: MethodLook(
-                label=names[case].family, look=replace(one.look, is_filled=True, dashes="-")
+                label=methods[case].family, look=replace(one.look, is_filled=True, dashes="-")
             )
             for case, one in looks.items()
-            if names[case].variant == variant
+            if methods[case].variant == variant
         }
         some = [item for item in finished if item.run.method.case in own]
         parts.append((f"{title}, {variant}" if variant else title, (experiment, some), own))

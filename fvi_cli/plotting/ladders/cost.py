@@ -7,7 +7,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.method_names import method_names
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.ladders.convergence import error_label
 from fvi_cli.plotting.looks import method_looks
@@ -49,14 +48,12 @@ def cost_figure(tables: Sequence[CostTable]) -> Figure:
 
 def _curves(table: CostTable, cost: Cost) -> list[Curve]:
     """The runs of every method as points of error and cost."""
-    methods = [row.run.method for row in table.rows]
-    names, looks = method_names(methods), method_looks(methods)
     curves = []
-    for case, name in names.items():
+    for case, look in method_looks([row.run.method for row in table.rows]).items():
         rows = [r for r in table.rows if r.run.method.case == case and r.is_usable and cost(r) > 0]
         # an error of 0 is drawn below the floor
         errors = np.array([max(r.error, r.floor / 100) for r in rows])
         costs = np.array([float(cost(r)) for r in rows])
         if rows:
-            curves.append(Curve(x=errors, y=costs, label=name.label, look=looks[case].look))
+            curves.append(Curve(x=errors, y=costs, label=look.label, look=look.look))
     return curves

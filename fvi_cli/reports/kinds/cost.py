@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from fvi_cli.integrator.method_names import method_names
 from fvi_cli.reports.document import Block, Bullets, Heading, Paragraph
 from fvi_cli.reports.kinds.order_summary import NORMS, reference_in_words
 from fvi_cli.reports.table import About, Column, Report, Sheet, grid_of, within
@@ -41,9 +40,8 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
 
 
 def _runs(table: CostTable) -> Iterator[About]:
-    names = method_names([row.run.method for row in table.rows])
     for row in table.rows:
-        yield About(table=table, row=row, label=names[row.run.method.case].label)
+        yield About(table=table, row=row, label=row.run.method.label)
 
 
 def _blocks(tables: Sequence[CostTable]) -> Iterator[Block]:

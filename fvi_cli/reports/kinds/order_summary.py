@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from operator import attrgetter
 
-from fvi_cli.integrator.method_names import MethodName, method_names
+from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.reports.document import Block, Grid, Paragraph
 from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_summary
 from fvi_cli.reports.naming import number
@@ -34,11 +35,6 @@ def reference_in_words(source: str) -> str:
     return _SOURCES.get(source, f"the exact solution, {source}")
 
 
-def names_in_tables(tables: Sequence[OrderTable]) -> dict[str, MethodName]:
-    """Names of all methods in `tables`, by case."""
-    return method_names([case.method for table in tables for case in table.cases])
-
-
 def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
     """Titles of the experiments, without words that repeat the beginning of `name`.
 
@@ -57,16 +53,15 @@ def short_titles(name: str, tables: Sequence[OrderTable]) -> dict[str, str]:
 
 def summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
     """Orders of all experiments in one table."""
-    names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     titles = short_titles(name, single)
     groups = _groups(single)
     if not groups and not swept:
         yield Paragraph(words="No run is finished.")
         return
-    yield from (_grid(group, names, titles) for group in groups)
+    yield from (_grid(group, titles) for group in groups)
     for members in swept:
-        yield from sweep_summary(members, names, order_entry)
+        yield from sweep_summary(members, order_entry)
 
 
 def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
@@ -79,46 +74,46 @@ def _groups(tables: Sequence[OrderTable]) -> list[list[OrderTable]]:
     return list(groups.values())
 
 
-def _grid(
-    group: Sequence[OrderTable], names: Mapping[str, MethodName], titles: Mapping[str, str]
-) -> Grid:
+def _grid(group: Sequence[OrderTable], titles: Mapping[str, str]) -> Grid:
     """Rows: problems and members of method families; columns: families of methods.
 
     If methods do not fill a rectangle, rows are methods and columns problems.
     """
-    own = [names[case.method.case] for case in group[0].cases]
-    families, variants = (
-        list(dict.fromkeys(getattr(name, part) for name in own)) for part in ("family", "variant")
-    )
-    is_full = len(own) == len(families) * len(variants)
-    each = [(t, case, names[case.method.case]) for t in group for case in t.cases]
-    if is_full:
+    own = [case.method for case in group[0].cases]
+    variants = list(dict.fromkeys(method.variant for method in own))
+    families = list(dict.fromkeys(method.family for method in own))
+    is_rectangle = len(variants) > 1 and len(own) == len(families) * len(variants)
+    is_full = is_rectangle or len(own) == len(families)
+    name = attrgetter("family" if is_rectangle else "label")
+    names = list(dict.fromkeys(name(method) for method in own))
+    each = [(t, case, case.method) for t in group for case in t.cases]
+    if is_rectangle:
         each.sort(key=lambda one: (group.index(one[0]), variants.index(one[2].variant)))
 
-    def column(table: OrderTable, name: MethodName) -> str:
-        return name.family if is_full else titles[table.experiment]
+    def column(table: OrderTable, method: AnyMethod) -> str:
+        return str(name(method)) if is_full else titles[table.experiment]
 
-    def begin(table: OrderTable, name: MethodName) -> tuple[str, ...]:
+    def begin(table: OrderTable, method: AnyMethod) -> tuple[str, ...]:
         if not is_full:
-            return (name.label,)
-        variant = [name.variant] if any(variants) else []
+            return (method.label,)
+        variant = [method.variant] if is_rectangle else []
         return (titles[table.experiment], *variant, orders_in_words(table) or "-", _ladder(table))
 
-    claimed = {column(t, name) for t, case, name in each if not math.isnan(case.claim)}
-    full = ("problem", *(["method"] if any(variants) else []), "gamma", "N")
+    claimed = {column(t, method) for t, case, method in each if not math.isnan(case.claim)}
+    full = ("problem", *(["method"] if is_rectangle else []), "gamma", "N")
     return pivot(
         (
             (
-                begin(t, name),
-                at := column(t, name),
+                begin(t, method),
+                at := column(t, method),
                 (order_entry(case), *([number(case.claim, "g")] if at in claimed else [])),
             )
-            for t, case, name in each
+            for t, case, method in each
         ),
         corner=full if is_full else ("method",),
         headings={
             at: (at, "stated") if at in claimed else (at,)
-            for at in (families if is_full else [titles[t.experiment] for t in group])
+            for at in (names if is_full else [titles[t.experiment] for t in group])
         },
     )
 

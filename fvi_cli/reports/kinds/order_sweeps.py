@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
-from fvi_cli.integrator.method_names import MethodName
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Paragraph, Words
 from fvi_cli.reports.naming import DESIGN, members_in_words, number
 from fvi_cli.reports.table import Column, grid_of, pivot
@@ -33,27 +32,23 @@ def split_sweeps(
     return single, list(swept.values())
 
 
-def sweep_summary(
-    tables: Sequence[OrderTable], names: Mapping[str, MethodName], entry: OrderEntry
-) -> list[Block]:
+def sweep_summary(tables: Sequence[OrderTable], entry: OrderEntry) -> list[Block]:
     """The swept keys, and the orders of the members."""
     members = [table.member for table in tables if table.member is not None]
     title: Words = (CodeSpan(tables[0].experiment), f": {members_in_words(members)}.")
     tells = next(iter(members[0].unnamed), "") if not members[0].name else DESIGN
     few = len(tables) <= MOST_ROWS and (members[0].name or len(members[0].values) == 1)
-    grid = _by_value(tables, tells, names, entry) if few else _by_method(tables, names)
+    grid = _by_value(tables, tells, entry) if few else _by_method(tables)
     return [Paragraph(words=title), grid]
 
 
-def _by_value(
-    tables: Sequence[OrderTable], key: str, names: Mapping[str, MethodName], entry: OrderEntry
-) -> Grid:
+def _by_value(tables: Sequence[OrderTable], key: str, entry: OrderEntry) -> Grid:
     """Rows: values of the swept key, or designs; columns: methods."""
     each = [(table, case) for table in tables for case in table.cases]
     return pivot(
         (((_label(table, key),), case.method.case, (entry(case),)) for table, case in each),
         corner=(key,),
-        headings={case.method.case: (names[case.method.case].label,) for _, case in each},
+        headings={case.method.case: (case.method.label,) for _, case in each},
     )
 
 
@@ -118,28 +113,26 @@ _SPREAD_COLUMNS = (
 )
 
 
-def _by_method(tables: Sequence[OrderTable], names: Mapping[str, MethodName]) -> Grid:
+def _by_method(tables: Sequence[OrderTable]) -> Grid:
     """Rows: methods; columns: range of orders and errors over the members."""
     cases: dict[str, list[tuple[OrderTable, OrderCase]]] = {}
     for table in tables:
         for case in table.cases:
-            cases.setdefault(case.method.case, []).append((table, case))
-    items = [_Spread(label=names[name].label, found=found) for name, found in cases.items()]
+            cases.setdefault(case.method.label, []).append((table, case))
+    items = [_Spread(label=label, found=found) for label, found in cases.items()]
     return grid_of(_SPREAD_COLUMNS, items)
 
 
-def sweep_details(
-    tables: Sequence[OrderTable], names: Mapping[str, MethodName], setting: Words
-) -> list[Block]:
+def sweep_details(tables: Sequence[OrderTable], setting: Words) -> list[Block]:
     """Heading, equation, and the errors of all members on every number of steps."""
-    cases = list(dict.fromkeys(case.method.case for table in tables for case in table.cases))
+    cases = list(dict.fromkeys(case.method.label for table in tables for case in table.cases))
     found: dict[tuple[int, str], list[tuple[float, str]]] = {}
     sizes: dict[int, float] = {}
     for table in tables:
         for one in table.cases:
             for row in one.rows:
                 sizes[row.n_steps] = row.step_size
-                key = (row.n_steps, one.method.case)
+                key = (row.n_steps, one.method.label)
                 found.setdefault(key, []).append((row.error, row.status))
 
     def texts(rows: Sequence[tuple[float, str]]) -> tuple[str, str, str]:
@@ -158,7 +151,7 @@ def sweep_details(
             if (n, case) in found
         ),
         corner=("N", "h"),
-        headings={case: (f"{names[case].label}: median", "largest", "rows") for case in cases},
+        headings={case: (f"{case}: median", "largest", "rows") for case in cases},
         text_columns=0,
     )
     return [Heading(level=2, words=tables[0].experiment), Paragraph(words=setting), grid]

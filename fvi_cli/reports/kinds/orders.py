@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from types import SimpleNamespace
 
-from fvi_cli.integrator.method_names import MethodName, describe_method
 from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Heading, Paragraph, Words
 from fvi_cli.reports.kinds.order_summary import (
     NORMS,
-    names_in_tables,
     orders_in_words,
     reference_in_words,
     summary,
@@ -112,7 +110,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         name=name,
         sheets=(Sheet.of("runs", columns, items, keys, below_floor=_below_floor),),
         shown=orders,
-        blocks=[*orders, *_methods(tables), *_all_details(tables)],
+        blocks=[*orders, *_all_details(tables)],
         has_latex=True,
     )
 
@@ -126,36 +124,23 @@ def _below_floor(stored: Row, fresh: Row) -> set[str]:
     return {"error", "status", "used_in_fit"} if is_round_off else set()
 
 
-def _methods(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """What all methods have in common, which their names do not say."""
-    described = {
-        case.method.case: describe_method(case.method) for table in tables for case in table.cases
-    }
-    if described:
-        first, *others = described.values()
-        shared = [one for one in first if all(one in phrases for phrases in others)]
-        if shared:
-            yield Paragraph(words=f"All methods: {', '.join(shared)}.")
-
-
 def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    names = names_in_tables(tables)
     single, swept = split_sweeps(tables)
     for table in single:
-        yield from details(table, names)
+        yield from details(table)
     for members in swept:
-        yield from sweep_details(members, names, setting(members))
+        yield from sweep_details(members, setting(members))
 
 
-def details(table: OrderTable, names: Mapping[str, MethodName]) -> Iterator[Block]:
+def details(table: OrderTable) -> Iterator[Block]:
     """Heading, equation, grid of errors and orders, remarks of the runs."""
     yield Heading(level=2, words=table.experiment)
     yield Paragraph(words=setting([table]))
     if not table.cases:
         yield Paragraph(words="No run is finished.")
         return
-    yield _grid(table.cases, names)
-    if remarks := _remarks(table, names):
+    yield _grid(table.cases)
+    if remarks := _remarks(table):
         yield Bullets(items=tuple(remarks))
 
 
@@ -177,7 +162,7 @@ def setting(tables: Sequence[OrderTable]) -> Words:
     )
 
 
-def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
+def _grid(cases: Sequence[OrderCase]) -> Grid:
     cells: list[tuple[int, str, str, Sequence[str]]] = sorted(
         (row.n_steps, f"{row.step_size:.4g}", case.method.case, _entries(case, k))
         for case in cases
@@ -197,7 +182,7 @@ def _grid(cases: Sequence[OrderCase], names: Mapping[str, MethodName]) -> Grid:
     return pivot(
         (((str(n), sizes[n]), case, texts) for n, _, case, texts in cells),
         corner=("N", "h"),
-        headings={case.method.case: (names[case.method.case].label, "order") for case in cases},
+        headings={case.method.case: (case.method.label, "order") for case in cases},
         absent="-",
         summary=[
             (
@@ -221,11 +206,11 @@ def _entries(case: OrderCase, k: int) -> list[str]:
     return [f"({error})" if is_marked else error, order]
 
 
-def _remarks(table: OrderTable, names: Mapping[str, MethodName]) -> list[Words]:
+def _remarks(table: OrderTable) -> list[Words]:
     """What the runs say, once for every method and text; of failures that of the first run."""
     found: dict[tuple[str, str], list[int]] = {}
     for case in table.cases:
-        label = names[case.method.case].label
+        label = case.method.label
         for row in case.rows:
             for text in row.remarks:
                 found.setdefault((label, text), []).append(row.n_steps)

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.results.observed import Extent, Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.designs import CLOSE, GOOD, design_blocks, design_sheet
@@ -168,10 +167,10 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     # show the status only if some run failed
     titles = {"status": "status"} if any(one.status not in GOOD for one in finished) else {}
     titles |= dict.fromkeys(("peak_error",) * (not is_own) + ("error",) * (not is_of_position), "")
-    methods = method_names([one.run.method for one in finished])
+    labels = {one.run.method.case: one.run.method.label for one in finished}
 
     def label(case: str) -> str:
-        return methods[case].label if case in methods else case
+        return labels.get(case, case)
 
     forms = {"case": label}
     members = [one.run.member for one in finished]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from fvi_cli.integrator.method_names import method_names
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import member_columns
@@ -95,19 +94,18 @@ def _words(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
 
 
 def _rows(table: StabilityTable) -> Iterator[Block]:
-    names = method_names(table.experiment.methods)
     steps = sorted({row.run.n_steps for row in table.rows})
     lines: dict[tuple[str, ...], list[StabilityRow]] = {}
     swept = any(row.run.member is not None for row in table.rows)
     for row in table.rows:
-        key = (row.run.method.case, *([label_of(row.run.member)] if swept else []))
+        key = (row.run.method.label, *([label_of(row.run.member)] if swept else []))
         lines.setdefault(key, []).append(row)
     if len(lines) > MOST_LINES:
         yield _counts(table, steps)
     else:
         cells: list[Cell] = []
-        for (case, *member), rows in lines.items():
-            begin = (names[case].label, *member)
+        for (label, *member), rows in lines.items():
+            begin = (label, *member)
             cells += [(begin, f"N = {row.run.n_steps}", (_cell(row),)) for row in rows]
         titles = [f"N = {n}" for n in steps]
         corner = ("method", "member") if swept else ("method",)
@@ -116,15 +114,14 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
 
 def _counts(table: StabilityTable, steps: Sequence[int]) -> Grid:
     """For a study of many members the number of unstable ones."""
-    names = method_names(table.experiment.methods)
     found: dict[tuple[str, int], list[bool]] = {}
     for row in table.rows:
-        key = (row.run.method.case, row.run.n_steps)
+        key = (row.run.method.label, row.run.n_steps)
         found.setdefault(key, []).append(row.prediction.verdict == "unstable")
     return pivot(
         (
-            ((names[case].label,), f"N = {n}", (f"{sum(unstable)} of {len(unstable)}",))
-            for (case, n), unstable in found.items()
+            ((label,), f"N = {n}", (f"{sum(unstable)} of {len(unstable)}",))
+            for (label, n), unstable in found.items()
         ),
         corner=("method: unstable members",),
         headings={f"N = {n}": (f"N = {n}",) for n in steps},
@@ -142,7 +139,6 @@ def _cell(row: StabilityRow) -> str:
 def _regions(table: StabilityTable) -> Iterator[Block]:
     if not table.regions:
         return
-    names = method_names(table.experiment.methods)
     first = table.regions[0]
     yield Paragraph(
         words="Share of the plane of h^2 k/m from "
@@ -154,7 +150,7 @@ def _regions(table: StabilityTable) -> Iterator[Block]:
     yield pivot(
         (
             (
-                (names[one.method.case].label,),
+                (one.method.label,),
                 f"{one.order:g}",
                 (f"{100 * one.share_stable:.1f} %",),
             )

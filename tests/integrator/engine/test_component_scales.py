@@ -13,7 +13,7 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.baselines.past import solve_implicit
+from fvi_cli.integrator.baselines import solve_implicit
 from fvi_cli.integrator.engine.newton import Newton
 from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.integrate import integrate

@@ -130,7 +130,7 @@ def test_the_velocity_at_a_stop_is_between_those_before_it(method):
 
 
 def test_a_steep_start_does_not_hide_the_velocity_that_is_given():
-    """Behind v0 the velocity moves by t**0.12: the polynomial of the first step begins elsewhere."""
+    """The polynomial of the first step begins elsewhere: behind v0 v moves by t**0.12."""
     scene = fvi.linear_oscillator(
         final_time=8.0,
         stiffness=1.3,

@@ -30,10 +30,8 @@ class StepTables:
     basis: Array  # l_nu(c_i) and l_nu'(c_i), shape (s + 1, r)
     slopes: Array
     sample_points: Array  # rule (chi_i, beta_i) of the fractional action, shape (m,)
-    sample_weights: Array
     sample_basis: Array  # l_nu(chi_i), shape (s + 1, m)
-    # weights of the damping force in the load vectors of a step of length 1, (s + 1, m): at the
-    # quadrature points, for backward differences at their samples
+    # beta_i l_nu(chi_i), from damping forces to the load vectors of a step of length 1, (s + 1, m)
     to_loads: Array
     to_inputs: Array  # from a step's unknowns to the inputs of the memory, (i, s)
 
@@ -74,39 +72,29 @@ class StepTables:
         r""":math:`b_i l_\nu(c_i)`, shape ``(s + 1, r)``."""
         return self.weights * self.basis
 
-    @property
-    def sample_test_weights(self) -> Array:
-        r""":math:`\beta_i l_\nu(\chi_i)`, shape ``(s + 1, m)``."""
-        return self.sample_weights * self.sample_basis
-
 
 @lru_cache(maxsize=32)
 def step_tables(method: Method) -> StepTables:
     """Tables of `method`."""
-    rule = method.rule.build()
-    basis = lobatto_basis(method.degree)
-    at_points = sampled = basis.values(rule.nodes)
-    sample_points, sample_weights = rule.nodes, rule.weights
+    rule, basis = method.rule.build(), lobatto_basis(method.degree)
+    slopes = basis.derivatives(rule.nodes)
+    samples, weights = rule.nodes, rule.weights
     if method.sampling == "nodes":
         # a kick at every node, half of it at the end of a step and half at the beginning of the
         # next: positions are those of the paper, which takes it whole at the left end, and the
         # momentum is that between the halves
-        sample_points, sample_weights = np.array([0.0, 1.0]), np.array([0.5, 0.5])
-        sampled = basis.values(sample_points)
-    slopes = basis.derivatives(rule.nodes)
-    to_loads, to_inputs = rule.weights * at_points, np.ascontiguousarray(slopes[1:].T)
-    if not method.is_runge_kutta:
-        to_loads, to_inputs = sample_weights * sampled, np.eye(method.degree)
+        samples, weights = np.array([0.0, 1.0]), np.array([0.5, 0.5])
+    sampled = basis.values(samples)
+    to_rates = np.ascontiguousarray(slopes[1:].T)
     return StepTables(
         degree=method.degree,
         control_points=basis.control_points,
         points=rule.nodes,
         weights=rule.weights,
-        basis=at_points,
+        basis=basis.values(rule.nodes),
         slopes=slopes,
-        sample_points=sample_points,
-        sample_weights=sample_weights,
+        sample_points=samples,
         sample_basis=sampled,
-        to_loads=to_loads,
-        to_inputs=to_inputs,
+        to_loads=weights * sampled,
+        to_inputs=to_rates if method.is_runge_kutta else np.eye(method.degree),
     )

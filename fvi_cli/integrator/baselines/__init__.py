@@ -1,1 +1,0 @@
-"""Methods that users would write otherwise, for comparison."""
