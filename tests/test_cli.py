@@ -131,8 +131,8 @@ def test_several_processes_store_the_same_table(folder):
 def reasons(result):
     """Action and reason of every row of a dry run."""
     header, *rows = result.stdout.splitlines()
-    place = header.index("reason")
-    return [(row.split()[4], row[place:]) for row in rows]
+    action, place = header.index("action"), header.index("reason")
+    return [(row[action:].split()[0], row[place:]) for row in rows]
 
 
 def becomes_another(monkeypatch):

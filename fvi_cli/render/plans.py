@@ -35,4 +35,4 @@ def plans_as_text(plans: Sequence[PlannedRun]) -> str:
 def _method_and_steps(plan: PlannedRun) -> tuple[str, str]:
     if plan.finds_steps:
         return "Gauss", "adaptive"
-    return plan.run.method.label, str(plan.run.n_steps)
+    return plan.run.method_label, str(plan.run.n_steps)

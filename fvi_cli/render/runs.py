@@ -64,7 +64,7 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
             rows.append(
                 (
                     run.experiment.name,
-                    run.method.label,
+                    run.method_label,
                     str(run.n_steps),
                     f"{run.step_size:.6g}",
                     f"{finished.error:.3e}" if math.isfinite(finished.error) else "-",
@@ -106,7 +106,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
     return _quantities_as_text(
         About(
             experiment=outcome.experiment.name,
-            method=one.run.method.label,
+            method=one.run.method_label,
             n_steps=one.run.n_steps,
             error=one.error,
             observed=summary_of(one.trajectory.observed),
@@ -152,7 +152,7 @@ def _members_as_text(outcome: Outcome) -> str:
     """One line for each method and N of a sweep; with errors of members that have one."""
     groups: dict[tuple[str, int], list[FinishedRun]] = {}
     for one in outcome.finished:
-        groups.setdefault((one.run.method.label, one.run.n_steps), []).append(one)
+        groups.setdefault((one.run.method_label, one.run.n_steps), []).append(one)
     rows = [("experiment", "method", "n_steps", "members", "median", "largest", "status", "at")]
     for (method, n_steps), runs in groups.items():
         errors = {one.run.member: one.error for one in runs if math.isfinite(one.error)}

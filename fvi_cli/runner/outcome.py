@@ -110,7 +110,7 @@ class Outcome:
         """Columns that identify a run, and columns of its results."""
         columns = member_columns(self.experiment.members, lambda finished: finished.run.member)
         key = {column.name: column.of(one) for column in columns}
-        key |= {"method": one.run.method.label, "case": one.run.method.case}
+        key |= {"method": one.run.method_label, "case": one.run.method.case}
         key["n_steps"] = one.run.n_steps
         found: dict[str, Any] = {
             "step_size": one.run.step_size,
@@ -133,7 +133,7 @@ class Outcome:
             statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
             best = min(own, key=lambda one: math.inf if math.isnan(one.error) else one.error)
             least = f"error {best.error:.2e} at N = {best.run.n_steps}"
-            rows.append((method.label, statuses, "" if math.isnan(best.error) else least))
+            rows.append((best.run.method_label, statuses, "" if math.isnan(best.error) else least))
         return rows
 
     @property

@@ -239,9 +239,14 @@ class Run(Subject):
         return replace(observations, parameters=problem.numbers, inputs=problem.inputs)
 
     @property
+    def method_label(self) -> str:
+        """Name of the method for readers; the start says nothing of steps that are chosen."""
+        return self.method.family if self.is_search else self.method.label
+
+    @property
     def title(self) -> str:
         """The run in one line."""
-        title = f"{self.experiment.name} {self.method.label}, N={self.n_steps}"
+        title = f"{self.experiment.name} {self.method_label}, N={self.n_steps}"
         return title if self.member is None else f"{title} ({self.member.label})"
 
     def specification(self) -> dict[str, Any]:

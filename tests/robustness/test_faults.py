@@ -73,7 +73,7 @@ def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(fo
     monkeypatch.setattr("fvi_cli.runner.compute.execute_job", dies_of_64)
     result = here("run", "quick.yaml", "--workers", "2", code=1)
     failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
-    assert [row[1:3] for row in failed] == [["BDF2", "64"]]
+    assert [row[1:4] for row in failed] == [["BDF2", "(nodes)", "64"]]
     assert "ended by SIGKILL (out of memory?), 2 times" in result.stderr
     assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS - 1
     monkeypatch.undo()

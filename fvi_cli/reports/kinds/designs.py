@@ -61,7 +61,7 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
         *keys,
         Column("values", "swept values", "at" if is_swept else "", get=_label),
         Column("case", "name of the method in files", get="of.run.method.case"),
-        Column("method", "its short name", get="of.run.method.label"),
+        Column("method", "its short name", get="of.run.method_label"),
         Column("n_steps", "number N of steps", get="of.run.n_steps"),
         *(column for quantity in quantities for column in _of_quantity(quantity, units)),
         Column(

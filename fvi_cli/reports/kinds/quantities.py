@@ -167,7 +167,7 @@ def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
     # show the status only if some run failed
     titles = {"status": "status"} if any(one.status not in GOOD for one in finished) else {}
     titles |= dict.fromkeys(("peak_error",) * (not is_own) + ("error",) * (not is_of_position), "")
-    labels = {one.run.method.case: one.run.method.label for one in finished}
+    labels = {one.run.method.case: one.run.method_label for one in finished}
 
     def label(case: str) -> str:
         return labels.get(case, case)
