@@ -111,7 +111,7 @@ class ExperimentKeys(Setting, refused=_REFUSED, forms=(("ladder",), ("accuracy",
     )
     sweep: Members = key(
         "Members: every combination of values of some keys of the problem, or a list of mappings "
-        "with the values of each member, and its name if it has one. They are computed together.",
+        "with the values of each member. They are computed together.",
         default=None,
     )
     report: ReportKeys = key("How errors are measured.", default={"norm": "max"})

@@ -128,7 +128,7 @@ def trajectory_of(
 def _energies(
     scene: Scene, time: Array, position: Array, momentum: Array
 ) -> tuple[Array, int, Failure | None]:
-    """Energies at points up to where they are finite and the mass is positive definite.
+    """Energies at points, up to where the mass is positive definite and there is an energy.
 
     Returned are also the number of these points, and why the run ends there.
     """
@@ -139,7 +139,8 @@ def _energies(
             velocity = scene.lagrangian.velocity(position, momentum, time)
             energy = scene.lagrangian.energy(position, velocity, time)
             mass = scene.lagrangian.derivatives(position, velocity, time).mass
-    finite, definite = np.isfinite(energy), np.ones(time.size, dtype=bool)
+    # of linear scenes energies overflow where motions are right
+    finite, definite = np.isfinite(energy) | scene.is_linear, np.ones(time.size, dtype=bool)
     if mass is not None:
         known = np.isfinite(mass).all(axis=(1, 2))
         definite[known] = least_scaled_eigenvalue(mass[known]) > 0
