@@ -62,6 +62,15 @@ class ForcingPiece:
             result[..., places] = value[..., None]
         return result
 
+    def combined(self, time: Array, rows: Array) -> Array:
+        """Combinations ``(c, d)`` of the components, from times ``(n,)`` to ``(n, c)``."""
+        result = np.zeros((time.size, len(rows)))
+        for component, places in self.distinct:
+            weights = rows[:, places].sum(axis=1)
+            if weights.any():
+                result += np.asarray(component.evaluate({"t": time}))[..., None] * weights
+        return result
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Forcing:
@@ -225,6 +234,15 @@ class Forcing:
         """F at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece."""
         time = np.asarray(time, dtype=float)
         return self._by_pieces(time, np.searchsorted(np.array(self.break_points), time))
+
+    def combined(self, time: Array, rows: Array) -> Array:
+        """Combinations ``(c, d)`` of F at times ``(n,)``, shape ``(n, c)``; else as F itself."""
+        result = np.empty((time.size, len(rows)))
+        which = np.searchsorted(np.array(self.break_points), time)
+        for index in np.unique(which):
+            chosen = which == index
+            result[chosen] = self.pieces[int(index)].combined(time[chosen], rows)
+        return result
 
     def _by_pieces(self, time: Array, which: NDArray[np.intp]) -> Array:
         result = np.empty((*time.shape, self.dimension))

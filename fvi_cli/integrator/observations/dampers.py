@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Literal, cast
 
 import numpy as np
@@ -29,7 +30,13 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along
 from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.motion import DenseMotion, join_series, stage_series
+from fvi_cli.integrator.observations.motion import (
+    Combination,
+    DenseMotion,
+    combination_of,
+    join_series,
+    stage_series,
+)
 from fvi_cli.integrator.observations.pieces import by_owner
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
@@ -154,18 +161,16 @@ def forces_along(
     return found
 
 
-def spring_force(scene: Scene, place: int, deformation: Array, time: Array) -> Array:
-    """The part of a damper's force without memory, from deformations ``(n, c)``.
+def taken_at_once(scene: Scene, value: DamperValue, motion: Array) -> Array:
+    """What a damper takes from a motion without memory, from ``(..., d)`` to ``(..., 1)``.
 
-    It comes from the relaxed modulus of a law, and from the loads of the initial data.
+    It is a component of the deformation, or of the force of the relaxed moduli of laws.
     """
-    total = np.zeros_like(deformation)
-    if scene.initial_loads:
-        total -= damper_alone(scene, place).initial_force(time)
-    for one in dampers_of(scene)[place]:
-        if isinstance(one, Law):
-            total += one.spring * times(deformation, one.inner)
-    return total
+    found = deformation_of(scene, value.place, motion)
+    if value.kind == "force":
+        laws = [one for one in dampers_of(scene)[value.place] if isinstance(one, Law)]
+        found = sum((one.spring * times(found, one.inner) for one in laws), np.zeros_like(found))
+    return found[..., [value.component]]
 
 
 def check_forces(scene: Scene, name: str, *, is_work: bool = False) -> None:
@@ -218,6 +223,7 @@ class DampersAlong:
     def __init__(self, motion: DenseMotion) -> None:
         self._motion = motion
         self._series: dict[tuple[str, int], Array] = {}
+        self._combinations: dict[DamperValue, Combination] = {}
 
     def __call__(self, value: DamperValue, steps: Places, tau: Array) -> Array:
         """A force, deformation or work at places of steps, shape ``(n,)``."""
@@ -228,19 +234,22 @@ class DampersAlong:
             return np.asarray(sum(self(one, steps, tau) for one in every))
         if value.kind == "work":
             return evaluate_series(self._works(place), steps, 2.0 * tau - 1.0)[:, 0]
-        position, found = motion.position(steps, tau), np.zeros(steps.size)
-        is_force, time = value.kind == "force", motion.time(steps, tau)
-        if is_force:
-            for scene in motion.scenes:
-                check_forces(scene, f"force_{place + 1}")
-            series = self._remembered(place)
-            found = evaluate_series(series, steps, 2.0 * tau - 1.0)[:, value.component]
+        if value not in self._combinations:
+            taken = [partial(taken_at_once, scene, value) for scene in motion.scenes]
+            self._combinations[value] = combination_of(motion.steps, taken)
+        found = motion.along(self._combinations[value], steps, tau)[:, 0]
+        if value.kind == "deformation":
+            return found
+        for scene in motion.scenes:
+            check_forces(scene, f"force_{place + 1}")
+        series = self._remembered(place)[..., value.component, None]
+        found += evaluate_series(series, steps, 2.0 * tau - 1.0)[:, 0]
+        time = motion.time(steps, tau)
         for member, own in by_owner(motion.owner, steps, len(motion.scenes)):
             scene = motion.scenes[member]
-            deformation = deformation_of(scene, place, position[own])
-            if is_force:
-                deformation = spring_force(scene, place, deformation, time[own])
-            found[own] += deformation[:, value.component]
+            if scene.initial_loads:
+                loads = damper_alone(scene, place).initial_force(time[own])
+                found[own] -= loads[:, value.component]
         return found
 
     def _remembered(self, place: int) -> Array:

@@ -29,6 +29,8 @@ DECAY = 1e-9
 LEAST_HALVINGS, MOST_HALVINGS, MOST_BISECTIONS = 4, 7, 40  # of a piece: Resolved, and Isolated
 FAR = 4.0
 """A polynomial whose mean is more than so many times its reach has no root near."""
+AT_ONCE = 2**20
+"""Most numbers that are held for the variables of a formula at a time."""
 ULPS = 4 * 2.0**-52
 """Relative round-off of every variable."""
 
@@ -44,8 +46,16 @@ class FormulaAlong:
     start_variables: Variables | None = None  # at t = 0, with the velocities that are given there
 
     def __call__(self, steps: Places, tau: Array) -> Array:
-        """Values at places of steps."""
-        return self._values(steps, tau, self.variables(steps, tau))
+        """Values at places of steps, of so many at a time that variables take little memory."""
+        found = np.empty(tau.shape)
+        for own in self._slices(tau):
+            found[own] = self._values(steps[own], tau[own], self.variables(steps[own], tau[own]))
+        return found
+
+    def _slices(self, tau: Array) -> Iterator[slice]:
+        width = max(len(self.expression.names), 1) * max(tau[:1].size, 1)
+        count = max(AT_ONCE // width, 1)
+        return (slice(k, k + count) for k in range(0, len(tau), count))
 
     def _values(self, steps: Places, tau: Array, variables: Mapping[str, Array | float]) -> Array:
         found = np.empty(tau.shape)
@@ -69,12 +79,16 @@ class FormulaAlong:
 
         Steps are ``(n,)``, their places ``(n, POINTS)``.
         """
-        variables = self.variables(steps[:, None], tau)
-        middles = {
-            name: np.broadcast_to(one, tau.shape)[:, POINTS // 2] if np.ndim(one) else one
-            for name, one in variables.items()
-        }
-        return self._values(steps, tau, variables), self._noise(steps, middles)
+        values, noise = np.empty(tau.shape), np.empty(steps.shape)
+        for own in self._slices(tau):
+            variables = self.variables(steps[own, None], tau[own])
+            middles = {
+                name: np.broadcast_to(one, tau[own].shape)[:, POINTS // 2] if np.ndim(one) else one
+                for name, one in variables.items()
+            }
+            values[own] = self._values(steps[own], tau[own], variables)
+            noise[own] = self._noise(steps[own], middles)
+        return values, noise
 
     def at_starts(self, steps: Places) -> Array:
         """Values at the start of runs, by their first steps, with the velocities given there."""

@@ -26,6 +26,11 @@ from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
+Columns = tuple[int, ...]
+"""Numbers of coordinates, from 0; only these are evaluated."""
+AT_ONCE = 2**20
+"""About so many numbers are held at a time where all coordinates are needed for a few."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DenseMotion:
@@ -41,6 +46,11 @@ class DenseMotion:
     # damper its force with memory, on its deformation; None without damping
     find_forces: Callable[[int | None], Sequence[Array | None]]
     known: Located = field(default_factory=dict)  # the last times of :meth:`located`
+    # series of some coordinates, by what they are of
+    series: dict[tuple[str, Columns | None], Array] = field(default_factory=dict)
+    combinations: dict[tuple[str, Columns | None], Combination] = field(default_factory=dict)
+    # rows of the inverse of constant mass matrices, of every member (c, d)
+    rows: dict[Columns, list[Array]] = field(default_factory=dict)
 
     # the mesh
 
@@ -86,34 +96,31 @@ class DenseMotion:
         return np.where(tau == 1.0, self.end[steps], found)
 
     # the motion: times, positions and velocities also at k places in each of n steps, (n, 1) and
-    # (n, k)
+    # (n, k); with columns only of these coordinates, (n, c) in place of (n, d)
 
-    def position(self, steps: Places, tau: Array) -> Array:
+    def position(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
         """Positions, shape ``(n, d)``."""
-        displacement = evaluate_series(self._increments, steps, 2.0 * tau - 1.0)
-        displacement[tau == 0.0] = 0.0
-        return np.asarray(self._begins[steps] + self.step_size[steps][..., None] * displacement)
+        key = "position", columns
+        if key not in self.combinations:
+            self.combinations[key] = combination_of(
+                self.steps, [_chosen(columns)] * len(self.steps)
+            )
+        return self.along(self.combinations[key], steps, tau)
 
-    def velocity(self, steps: Places, tau: Array) -> Array:
+    def velocity(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
         """Velocities, shape ``(n, d)``."""
-        return evaluate_series(self._rates, steps, 2.0 * tau - 1.0)
+        key, take = ("velocity", columns), _chosen(columns)
+        if key not in self.series:
+            self.series[key] = stage_series(self.steps, [take(one.velocity) for one in self.steps])
+        return evaluate_series(self.series[key], steps, 2.0 * tau - 1.0)
 
-    @cached_property
-    def _begins(self) -> Array:
-        return np.concatenate([one.position[:-1] for one in self.steps])
-
-    @cached_property
-    def _increments(self) -> Array:
-        """Chebyshev coefficients of increments over h, ``(K, N, d)``."""
-        velocity = [one.velocity for one in self.steps]
-        return maps_of_stages(
-            self.steps, velocity, lambda t: t.increments_to_series @ t.to_unknowns
+    def along(self, combination: Combination, steps: Places, tau: Array) -> Array:
+        """Values of combinations of positions, shape ``(n, c)``."""
+        displacement = evaluate_series(combination.increments, steps, 2.0 * tau - 1.0)
+        displacement[tau == 0.0] = 0.0
+        return np.asarray(
+            combination.begins[steps] + self.step_size[steps][..., None] * displacement
         )
-
-    @cached_property
-    def _rates(self) -> Array:
-        """Chebyshev coefficients of velocities, ``(K, N, d)``."""
-        return stage_series(self.steps, [one.velocity for one in self.steps])
 
     def momentum_and_energy(
         self, position: Array, steps: Places, tau: Array
@@ -139,32 +146,49 @@ class DenseMotion:
 
     # forces
 
-    def damping(self, steps: Places, tau: Array) -> Array:
+    def damping(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
         r"""Force of the damping on every coordinate, :math:`-\sum \mu D^\gamma q`, ``(n, d)``."""
-        total = np.zeros((steps.size, self._begins.shape[1]))
+        take = _chosen(columns)
+        count = self.scenes[0].dimension if columns is None else len(columns)
+        total = np.zeros((steps.size, count))
         if not any(scene.active_forces for scene in self.scenes):
             return total
-        total -= evaluate_series(self._force_series, steps, 2.0 * tau - 1.0)
+        key = "damping", columns
+        if key not in self.series:
+            self.series[key] = stage_series(self.steps, [take(one) for one in self._forces])
+        total -= evaluate_series(self.series[key], steps, 2.0 * tau - 1.0)
         time = self.time(steps, tau)
         for member, own in by_owner(self.owner, steps, len(self.scenes)):
             if self.scenes[member].initial_loads:
-                total[own] += self.scenes[member].initial_force(time[own])
+                total[own] += take(self.scenes[member].initial_force(time[own]))
         return total
 
     @cached_property
-    def _force_series(self) -> Array:
-        """Chebyshev coefficients of the damping force, ``(K, N, d)``."""
+    def _forces(self) -> list[Array]:
+        """The damping force of every member at the stages, ``(n, r, d)``."""
         every = zip(self.find_forces(None), self.steps, strict=True)
-        return stage_series(
-            self.steps,
-            [np.zeros_like(o.velocity) if one is None else one.sum(axis=0) for one, o in every],
-        )
+        return [np.zeros_like(o.velocity) if one is None else one.sum(axis=0) for one, o in every]
 
-    def acceleration(self, steps: Places, tau: Array) -> Array:
+    def acceleration(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
         """Accelerations from the equation of motion, shape ``(n, d)``.
 
         At a break point of the forcing it is the acceleration before it.
         """
+        if columns is None:
+            return self._accelerations(steps, tau)
+        if all(one.is_linear and not one.initial_loads for one in self.scenes):
+            return self._linear_accelerations(steps, tau, columns)
+        width = self.scenes[0].dimension
+        if self.scenes[0].lagrangian is not None:
+            width *= width
+        count = max(AT_ONCE // width, 1)
+        found, take = np.empty((steps.size, len(columns))), _chosen(columns)
+        for first in range(0, steps.size, count):
+            own = slice(first, first + count)
+            found[own] = take(self._accelerations(steps[own], tau[own]))
+        return found
+
+    def _accelerations(self, steps: Places, tau: Array) -> Array:
         time, position = self.time(steps, tau), self.position(steps, tau)
         velocity, force = self.velocity(steps, tau), self.damping(steps, tau)
         found = np.empty_like(position)
@@ -175,6 +199,78 @@ class DenseMotion:
                 total = total + scene.forcing(time[own])
             found[own] = accelerations(scene, position[own], velocity[own], total, time[own])
         return found
+
+    def _linear_accelerations(self, steps: Places, tau: Array, columns: Columns) -> Array:
+        r"""Rows of :math:`M^{-1} (f - K x - \sum \mu D^\gamma x)`, each product one series."""
+        key, scenes = ("acceleration", columns), self.scenes
+        if columns not in self.rows:
+            self.rows[columns] = [_rows_of_inverse_mass(scene, columns) for scene in scenes]
+        rows = self.rows[columns]
+        if key not in self.combinations:
+            stiff = [
+                np.zeros_like(row) if one.potential is None else one.potential.gradient(row)
+                for one, row in zip(scenes, rows, strict=True)
+            ]
+            self.combinations[key] = combination_of(self.steps, [_combined(one) for one in stiff])
+        found = -self.along(self.combinations[key], steps, tau)
+        if any(scene.active_forces for scene in scenes):
+            if key not in self.series:
+                every = zip(self._forces, rows, strict=True)
+                self.series[key] = stage_series(
+                    self.steps, [_combined(row)(one) for one, row in every]
+                )
+            found -= evaluate_series(self.series[key], steps, 2.0 * tau - 1.0)
+        time = self.time(steps, tau)
+        for member, own in by_owner(self.owner, steps, len(scenes)):
+            forcing = scenes[member].forcing
+            if forcing is not None:
+                found[own] += forcing.combined(time[own], rows[member])
+        return found
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Combination:
+    """Combinations of coordinates along steps."""
+
+    begins: Array  # where steps begin, (N, c)
+    increments: Array  # Chebyshev coefficients of increments over h, (K, N, c)
+
+
+Taken = Callable[[Array], Array]
+
+
+def combination_of(steps: Sequence[RunSteps], taken: Sequence[Taken]) -> Combination:
+    """Linear combinations for every member, each from ``(..., d)`` to ``(..., c)``."""
+    every = list(zip(taken, steps, strict=True))
+    return Combination(
+        begins=np.concatenate([take(one.position[:-1]) for take, one in every]),
+        increments=maps_of_stages(
+            steps,
+            [take(one.velocity) for take, one in every],
+            lambda tables: tables.increments_to_series @ tables.to_unknowns,
+        ),
+    )
+
+
+def _chosen(columns: Columns | None) -> Taken:
+    """Takes some coordinates of motions ``(..., d)``, or all."""
+    if columns is None:
+        return lambda motion: motion
+    return lambda motion: motion[..., list(columns)]
+
+
+def _combined(rows: Array) -> Taken:
+    """Takes combinations ``(c, d)`` of coordinates of motions ``(..., d)``."""
+    used = np.flatnonzero(rows.any(axis=0))
+    weights = rows[:, used].T.copy()
+    return lambda motion: np.asarray(motion[..., used] @ weights)
+
+
+def _rows_of_inverse_mass(scene: Scene, columns: Columns) -> Array:
+    """Rows of the inverse of a constant mass matrix, ``(c, d)``."""
+    units = np.zeros((len(columns), scene.dimension))
+    units[range(len(columns)), columns] = 1.0
+    return scene.inertia.velocity(units)
 
 
 def maps_of_stages(

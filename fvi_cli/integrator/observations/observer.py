@@ -56,23 +56,25 @@ class Observer:
         motion, names, values = self.motion, expression.names, dict[str, Array | float]()
         flat = np.broadcast_to(steps, tau.shape).ravel(), tau.ravel()
         sources = {"d": motion.damping, "a": motion.acceleration}
-        columns: dict[str, Array] = {}
+        wanted: dict[str, dict[str, int]] = {}
         for name, (prefix, index) in self._first.derived.items():
-            if name not in names:
-                continue
-            if prefix not in columns:
-                if prefix in sources:
-                    for scene in motion.scenes:
-                        check_forces(scene, name)
-                    columns[prefix] = sources[prefix](*flat).reshape(*tau.shape, -1)
-                elif is_start and prefix:
-                    owners = motion.owner[steps].tolist()
-                    given = [motion.scenes[k].initial_velocity for k in owners]
-                    columns[prefix] = np.array(given)
-                else:
-                    find = motion.velocity if prefix else motion.position
-                    columns[prefix] = find(steps, tau)
-            values[name] = columns[prefix][..., index]
+            if name in names:
+                wanted.setdefault(prefix, {})[name] = index
+        for prefix, own in wanted.items():
+            columns = tuple(sorted(own.values()))
+            if prefix in sources:
+                for scene in motion.scenes:
+                    check_forces(scene, next(iter(own)))
+                found = sources[prefix](*flat, columns).reshape(*tau.shape, -1)
+            elif is_start and prefix:
+                owners = motion.owner[steps].tolist()
+                given = [motion.scenes[k].initial_velocity for k in owners]
+                found = np.array(given)[..., list(columns)]
+            else:
+                find = motion.velocity if prefix else motion.position
+                found = find(steps, tau, columns)
+            for name, index in own.items():
+                values[name] = found[..., columns.index(index)]
         inputs = names.intersection(self._first.inputs)
         if inputs or "t" in names:
             values.setdefault("t", motion.time(steps, tau))

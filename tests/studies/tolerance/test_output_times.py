@@ -109,9 +109,9 @@ def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the motion between the points go wrong by a cubic."""
     position = motion.DenseMotion.position
 
-    def wrong(self, steps, tau):
+    def wrong(self, steps, tau, columns=None):
         bump = 1e-3 * self.step_size[steps] * tau * (1.0 - tau) * (1.0 - 2.0 * tau)
-        return position(self, steps, tau) + bump[:, None]
+        return position(self, steps, tau, columns) + bump[..., None]
 
     monkeypatch.setattr(motion.DenseMotion, "position", wrong)
 

@@ -1,0 +1,79 @@
+"""A formula evaluates only the coordinates that it names."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import fvi_cli as fvi
+from fvi_cli.integrator.observations import dampers, motion
+from fvi_cli.mathematics.series.chebyshev import evaluate_series
+
+D, STEPS, FINAL_TIME = 60, 120, 2.0
+NEIGHBOURS = np.eye(D, k=1) + np.eye(D, k=-1)
+FIRST = np.zeros((D, D))
+FIRST[0, 0] = 2.0
+
+
+def structure(mass: NDArray[np.float64]) -> fvi.Scene:
+    """A chain with a springpot at its first mass, shaken by a record of straight lines."""
+    times = np.linspace(0.0, FINAL_TIME, 100)
+    record = np.random.default_rng(7).normal(size=100)
+    return fvi.Scene(
+        inertia=fvi.Inertia(mass=mass),
+        potential=fvi.QuadraticPotential(stiffness=400.0 * (2.0 * np.eye(D) - NEIGHBOURS)),
+        damping=[fvi.FractionalDamping(order=0.5, coefficient=FIRST)],
+        forcing=fvi.Forcing.from_samples(times, *np.outer(mass.sum(axis=0), record)),
+        initial_position=np.zeros(D),
+        initial_velocity=np.linspace(0.0, 1.0, D),
+        final_time=FINAL_TIME,
+    )
+
+
+MASSES = {"diagonal": np.diag(1.0 + np.arange(D) % 3), "full": 2.0 * np.eye(D) + 0.5 * NEIGHBOURS}
+FORMULAS = {"top": f"x{D}", "drift": "x2 - x1", "push": f"ax{D}", "damped": "dx1*vx1"}
+
+
+@pytest.mark.parametrize("mass", list(MASSES))
+def test_only_the_coordinates_that_a_formula_names_are_evaluated(mass, monkeypatch):
+    widths = []
+
+    def counted(coefficients, *places):
+        widths.append(coefficients.shape[-1])
+        return evaluate_series(coefficients, *places)
+
+    for module in (motion, dampers):
+        monkeypatch.setattr(module, "evaluate_series", counted)
+    named = FORMULAS | {"force": "force_1_1"}
+    fvi.integrate(structure(MASSES[mass]), "gauss2", STEPS, quantities=named)
+    assert widths
+    assert max(widths) == 2
+
+
+@pytest.mark.parametrize("mass", list(MASSES))
+def test_accelerations_of_a_few_coordinates_fulfil_the_equation_of_motion(mass):
+    scene, row = structure(MASSES[mass]), MASSES[mass][1]
+    names = [f"x{k}" for k in range(1, 5)]
+    wanted = {name: name for name in (*names, *(f"a{one}" for one in names), "dx2")}
+    seen = fvi.integrate(scene, "gauss2", STEPS, quantities=wanted)
+    found = seen.observed.quantities
+    x1, x2, x3 = (found[name] for name in names[:3])
+    inertia = sum(row[k] * found[f"ax{k + 1}"] for k in range(4))
+    rest = found["dx2"] - 400.0 * (2.0 * x2 - x1 - x3) + scene.forcing(seen.time)[:, 1]
+    # at t = 0 as well: the record begins there
+    np.testing.assert_allclose(inertia, rest, rtol=0, atol=1e-12 * np.abs(rest).max())
+
+
+def test_memory_of_formulas_does_not_grow_with_the_coordinates():
+    scene = structure(MASSES["diagonal"])
+    peaks = []
+    for asked in ({}, FORMULAS):
+        tracemalloc.start()
+        fvi.integrate(scene, "gauss2", 8 * STEPS, output=np.array([FINAL_TIME]), quantities=asked)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        tracemalloc.stop()
+    plain, observed = peaks
+    # all coordinates at the 17 places of every step take this at once
+    every = 8.0 * 8 * STEPS * 17 * D
+    assert observed < plain + 0.5 * every
