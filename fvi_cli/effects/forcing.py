@@ -6,7 +6,7 @@ import bisect
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -65,11 +65,36 @@ class ForcingPiece:
     def combined(self, time: Array, rows: Array) -> Array:
         """Combinations ``(c, d)`` of the components, from times ``(n,)`` to ``(n, c)``."""
         result = np.zeros((time.size, len(rows)))
-        for component, places in self.distinct:
+        for component, places in self._unlike:
             weights = rows[:, places].sum(axis=1)
             if weights.any():
                 result += np.asarray(component.evaluate({"t": time}))[..., None] * weights
+        for records in self._alike:
+            weights = np.stack([rows[:, places].sum(axis=1) for _, places in records], axis=1)
+            for column in np.flatnonzero(weights.any(axis=1)).tolist():
+                every = zip(weights[column].tolist(), records, strict=True)
+                total = sum(weight * one.coefficients for weight, (one, _) in every)
+                joined = replace(records[0][0], coefficients=np.asarray(total))
+                result[:, column] += np.asarray(joined.evaluate({"t": time}))
         return result
+
+    @cached_property
+    def _alike(self) -> list[list[tuple[SampledForce, list[int]]]]:
+        """Samples alone, by their times and order: their combinations are samples again."""
+        found: dict[tuple[int, bytes], list[tuple[SampledForce, list[int]]]] = {}
+        for one, places in self.distinct:
+            if isinstance(one, SampledForce) and one.formula is None:
+                found.setdefault((one.order, one.knots.tobytes()), []).append((one, places))
+        return list(found.values())
+
+    @cached_property
+    def _unlike(self) -> list[tuple[ForceComponent, list[int]]]:
+        """The other components: formulas, functions, and samples with a formula."""
+        return [
+            (one, places)
+            for one, places in self.distinct
+            if not isinstance(one, SampledForce) or one.formula is not None
+        ]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
