@@ -34,6 +34,7 @@ class Observer:
     def __init__(self, motion: DenseMotion, requests: Sequence[Observations]) -> None:
         self.motion, self.requests, self._first = motion, requests, requests[0]
         self._of_damper = DampersAlong(motion)
+        self._derived = self._first.derived
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only names that occur in it are evaluated."""
@@ -57,7 +58,7 @@ class Observer:
         flat = np.broadcast_to(steps, tau.shape).ravel(), tau.ravel()
         sources = {"d": motion.damping, "a": motion.acceleration}
         wanted: dict[str, dict[str, int]] = {}
-        for name, (prefix, index) in self._first.derived.items():
+        for name, (prefix, index) in self._derived.items():
             if name in names:
                 wanted.setdefault(prefix, {})[name] = index
         for prefix, own in wanted.items():
