@@ -2,105 +2,118 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Final
 
-import fvi_cli
-from fvi_cli.errors import StorageError
-from fvi_cli.storage.digests import Inputs, canonical_json, extract_inputs, insert_inputs, sha256
-from fvi_cli.storage.files import escape_text, explain_damage
-from fvi_cli.storage.groups.listing import StoredRun, list_groups
-from fvi_cli.storage.records.record import REFERENCES
-from fvi_cli.storage.result_file import ResultFile
+import numpy as np
 
-RESOLVED = "resolved_config_sha256"
-CONFIGURATION = ("config", "config_overrides", "resolved_config", RESOLVED)
-"""Attributes of the root that describe the configuration."""
+from fvi_cli.storage.columns import Rows
+from fvi_cli.storage.fields import field_named
+from fvi_cli.storage.fold import KEPT, run_groups
+from fvi_cli.storage.groups import GroupRows
+from fvi_cli.storage.hdf5 import opened, read_attributes
+from fvi_cli.storage.identity import INPUT
+from fvi_cli.storage.parts import REFERENCES, SETTINGS, texts_in
+from fvi_cli.storage.store import Store, StoredConfiguration
+from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words
 
-
-class Configuration(Protocol):
-    """The configuration, as far as a file stores it."""
-
-    @property
-    def text(self) -> str:
-        """The text of the configuration, word for word."""
-
-    @property
-    def resolved(self) -> Mapping[str, Any]:
-        """The configuration with every default filled in."""
-
-    @property
-    def overrides(self) -> tuple[str, ...]:
-        """Changes ``key.path=value`` that the command made to it."""
+_CONFIG_KEYS: Final = {"norm": "report.norm", "store_every": "store.every"}
+_ABSENT: Final = object()
 
 
 @dataclass(frozen=True, kw_only=True)
-class StoredConfiguration:
-    """The configuration that made a file."""
+class StoredRun:
+    """One run of a file, or all members of a sweep, in a line."""
 
-    text: str  # word for word
-    overrides: tuple[str, ...]  # changes ``key.path=value`` that the command made to it
-    # JSON text with every default filled in and every override applied; since JSON is YAML, it is
-    # a configuration of the same experiments
-    resolved: str
-
-
-def described(configuration: Configuration | StoredConfiguration, inputs: Inputs) -> dict[str, str]:
-    """Root attributes that describe the configuration; its long lists are added to `inputs`."""
-    resolved = configuration.resolved
-    values = json.loads(resolved) if isinstance(resolved, str) else resolved
-    return {
-        "config": configuration.text,
-        "config_overrides": json.dumps(list(configuration.overrides)),
-        # the order of designs and quantities is that of the configuration
-        "resolved_config": json.dumps(extract_inputs(values, inputs)),
-        RESOLVED: sha256(canonical_json(values)),
-    }
+    experiment: str
+    # values by the names of the table of fields; of members the largest error, how many have which
+    # status, and what they share
+    values: Mapping[str, Any]
+    members: int = 0  # number of members; 0: a single run
+    swept: str = ""  # the swept keys and values, in words
+    variant: str = ""  # settings that differ from those of the file's configuration, in words
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFile:
     """The runs of a file in one line each, and its provenance."""
 
-    # attributes of the root without the configuration: versions, commit, platform, time, format
-    provenance: Mapping[str, str]
-    runs: tuple[StoredRun, ...]  # in the order of the file
+    provenance: Mapping[str, Any]  # attributes of the root
+    runs: tuple[StoredRun, ...]
 
 
 def read_configuration(path: Path | str) -> StoredConfiguration:
-    """The configuration that made a result file, word for word, with its overrides."""
-    with contextlib.closing(ResultFile(Path(path))) as file, explain_damage(file.path):
-        text, overrides, resolved, _ = (str(file.root[name]) for name in CONFIGURATION)
-        values = insert_inputs(json.loads(resolved), file.read_input)
-    return StoredConfiguration(
-        text=text, overrides=tuple(json.loads(overrides)), resolved=json.dumps(values)
-    )
-
-
-def has_configuration(path: Path, configuration: Configuration) -> bool:
-    """Whether a result file of this version was made for the configuration."""
-    with contextlib.suppress(StorageError), contextlib.closing(ResultFile(path)) as file:
-        resolved = sha256(canonical_json(configuration.resolved))
-        return (file.root[RESOLVED], file.root["fvi_version"]) == (resolved, fvi_cli.__version__)
-    return False
+    """The configuration that made a result file."""
+    return Store(Path(path)).configuration()
 
 
 def list_runs(path: Path | str) -> StoredFile:
-    """The runs and the provenance of a result file, without the numbers of the runs."""
-    with contextlib.closing(ResultFile(Path(path))) as file:
-        provenance = {
-            escape_text(name): escape_text(str(value))
-            for name, value in file.root.items()
-            if name not in CONFIGURATION[:3]
-        }
-        with explain_damage(file.path):
-            groups = [
-                (str(one["path"]), file.group(one["path"]))
-                for one in file.groups
-                if one["kind"]["experiment"] != REFERENCES
-            ]
-            return StoredFile(provenance=provenance, runs=list_groups(groups))
+    """The runs and the provenance of a result file, without their motions."""
+    store = Store(Path(path))
+    store.configuration()
+    store.fold()
+    own: dict[str, dict[str, Any]] = {}
+    found: list[tuple[str, str, Rows, dict[str, Any]]] = []
+    provenance: dict[str, Any] = {}
+    for source in store.sources():
+        with opened(source) as file:
+            provenance |= read_attributes(file.id)
+            for group in run_groups(file):
+                kept, _, experiment = (
+                    str(group.name).rpartition("/")[0].rpartition("/")[0].rpartition("/")
+                )
+                if experiment == REFERENCES:
+                    continue
+                rows = GroupRows(group, source)
+                (variant, *_) = rows.column("variant")
+                settings = json.loads(texts_in(file[SETTINGS][variant])["settings"])
+                if not kept.startswith(f"/{KEPT}"):
+                    own.setdefault(experiment, settings)
+                found.append((experiment, kept, rows, settings))
+    runs = [
+        _stored_run(name, rows, difference_in_words(own.get(name, {}), settings) if kept else "")
+        for name, kept, rows, settings in found
+    ]
+    return StoredFile(provenance=provenance, runs=tuple(runs))
+
+
+def _stored_run(experiment: str, rows: Rows, variant: str) -> StoredRun:
+    values = {name: one for name, one in rows.common.items() if field_named(name) is not None}
+    if not rows.keys:
+        return StoredRun(experiment=experiment, values=values, variant=variant)
+    errors = np.array(rows.column("error"), dtype=float)
+    values["error"] = float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan")
+    for name in ("status", "predicted"):
+        values[name] = counts_in_words(rows.column(name))
+    return StoredRun(
+        experiment=experiment,
+        values=values,
+        members=rows.count,
+        swept="; ".join(swept_in_words(key, rows.column(key)) for key in rows.keys),
+        variant=variant,
+    )
+
+
+def difference_in_words(base: Mapping[str, Any], own: Mapping[str, Any]) -> str:
+    """``problem.stiffness = 2, store.every = 4``: settings of `own` that `base` does not have."""
+    before, after = dict(_leaves(base)), dict(_leaves(own))
+    texts = [
+        f"{key} = {value_in_words(value)}"
+        for key, value in after.items()
+        if before.get(key, _ABSENT) != value
+    ]
+    return ", ".join([*texts, *(f"no {key}" for key in before if key not in after)])
+
+
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping) and value:
+        for key, inner in value.items():
+            yield from _leaves(inner, f"{path}.{key}" if path else str(key))
+    elif isinstance(value, list) and value:
+        for index, inner in enumerate(value):
+            yield from _leaves(inner, f"{path}.{index}")
+    else:
+        yield _CONFIG_KEYS.get(path, path).removesuffix(f".{INPUT}"), value

@@ -1,141 +1,102 @@
-"""Opening and replacing result files, with errors that say what to do."""
+"""Files that appear whole or not at all, and the lock of one that is being folded."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
 from pathlib import Path
 
-import h5py
-
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import UNFINISHED, explain_os_error, followed, reason, replacement
-from fvi_cli.storage.digests import FORMAT
-from fvi_cli.storage.stream import SafeStream
 
-CREATOR = "fvi-cli"
+UNFINISHED = ".tmp"
+"""Ending of files that are being written; such a file that a crash leaves behind is useless."""
 
-SUFFIX = ".h5"
+_WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
-CACHE_BYTES = 2**18
 
-HDF5_ERRORS = (
-    OSError,
-    LookupError,
-    TypeError,
-    ValueError,
-    RuntimeError,
-    AttributeError,
-    MemoryError,
-    OverflowError,
-)
-"""Exceptions that h5py raises on damaged or foreign bytes."""
-
-_WHAT_THEN = "it is left as it is: move it away, and its runs are computed again"
+def replace_file(path: Path, content: bytes) -> None:
+    """Write `content` to a new file in the folder of `path`, flush it to disk, and rename it."""
+    with replacement(path) as handle, os.fdopen(os.dup(handle), "wb") as stream:
+        stream.write(content)
 
 
 @contextlib.contextmanager
-def open_stored(path: Path) -> Iterator[h5py.File]:
-    """Open a result file for reading, after a check that this program wrote it.
+def replacement(path: Path) -> Iterator[int]:
+    """Descriptor of a new file that replaces `path` when the block has ended.
 
-    Later reads give the contents at the time of opening, even if the file is replaced meanwhile.
+    It is open for reading and writing. On any failure `path` stays as it was, and the new file is
+    removed. Where `path` is a link, its target is replaced. The new file has the mode of the old.
     """
-    if not path.exists():
-        hint = "" if path.suffix else f"; result files end in .h5, such as results/{path.name}.h5"
-        raise StorageError(f"{path}: no such file{hint}")
-    if not path.is_file():
-        kind = "a folder" if path.is_dir() else "a device or pipe"
-        raise StorageError(f"{path}: is {kind}, not a result file")
-    if path.suffix in (".yaml", ".yml"):
-        raise StorageError(
-            f"{path}: is not a result file of fvi; `fvi check` and `fvi run` take configurations"
-        )
-    with contextlib.ExitStack() as stack:
+    target = followed(path)
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}{UNFINISHED}")
+    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    try:
+        handle = os.open(temporary, flags, 0o666)
         try:
-            file = stack.enter_context(h5py.File(path, "r", locking=False))
-            _limit_cache(file)
-        except PermissionError as error:
-            raise StorageError(f"{path}: cannot be read: {reason(error)}") from None
-        except HDF5_ERRORS:
-            raise StorageError(
-                f"{path}: is not a result file of fvi (not HDF5, or damaged or cut off); it is "
-                "left as it is: move it away, or choose another name or --output"
-            ) from None
-        with explain_damage(path):
-            _refuse_strangers(file, path)
-        yield file
+            try:
+                if target.exists():
+                    temporary.chmod(stat.S_IMODE(target.stat().st_mode))
+                yield handle
+                os.fsync(handle)
+            finally:
+                # some systems cannot rename an open file
+                os.close(handle)
+            temporary.replace(target)
+        except BaseException:
+            temporary.unlink(missing_ok=True)
+            raise
+    except OSError as error:
+        # for a full disk the system gives no name, for a folder that of the unfinished file
+        if error.errno and (not error.filename or str(error.filename).endswith(UNFINISHED)):
+            error.filename = str(path)
+        raise
 
 
-def _limit_cache(file: h5py.File) -> None:
-    """Limit to :data:`CACHE_BYTES` the texts and headers of an open file that h5py keeps.
-
-    By default it keeps up to 32 MB of each, and one and a half times its size with every text.
-    """
-    config = file.id.get_mdc_config()
-    config.set_initial_size = True
-    config.initial_size = config.min_size = config.max_size = CACHE_BYTES
-    config.incr_mode = config.flash_incr_mode = config.decr_mode = 0
-    file.id.set_mdc_config(config)
-
-
-def _refuse_strangers(file: h5py.File, path: Path) -> None:
-    if file.attrs.get("creator") != CREATOR or "format" not in file.attrs:
-        raise StorageError(
-            f"{path}: was not written by fvi; it is left as it is: move it away, or choose another "
-            "name or --output"
-        )
-    number = int(file.attrs["format"])
-    if number > FORMAT:
-        raise StorageError(
-            f"{path}: has format {number}, this version of fvi reads {FORMAT}; update fvi, "
-            "or move the file away"
-        )
-    if number < FORMAT:
-        version = escape_text(str(file.attrs.get("fvi_version", "an older version")))
-        raise StorageError(
-            f"{path}: has format {number}, this version of fvi reads {FORMAT}; move the file away, "
-            f"and its runs are computed again, or read it with the version that wrote it "
-            f"({version}); every version's files are plain HDF5"
-        )
-
-
-def escape_text(text: str) -> str:
-    """A text from a file, safe to print: characters that would control a terminal are escaped."""
-    return "".join(
-        c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in text
-    )
+def followed(path: Path) -> Path:
+    """The target of a link, whether it exists or not; any other path unchanged."""
+    return path.resolve() if path.is_symlink() else path
 
 
 @contextlib.contextmanager
-def explain_damage(path: Path) -> Iterator[None]:
-    """Turn exceptions of h5py on a damaged file into an error that names the file."""
+def explain_os_error(path: Path) -> Iterator[None]:
+    """Turn an error of the operating system into one that names `path` and the reason."""
     try:
         yield
-    except HDF5_ERRORS as error:
-        found = escape_text(f"{type(error).__name__}: {error}")
-        raise StorageError(
-            f"{path}: is damaged or not a result file ({found}); {_WHAT_THEN}"
-        ) from error
+    except OSError as error:
+        raise StorageError(f"{path}: cannot be written: {reason(error)}") from error
+
+
+def reason(error: OSError) -> str:
+    """The reason that the operating system gives, without additions of libraries."""
+    return os.strerror(error.errno) if error.errno else str(error)
 
 
 @contextlib.contextmanager
-def replacing(path: Path) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
-    """A new file under a temporary name; on success it is flushed to the disk and renamed.
+def file_lock(path: Path, *, waits: bool) -> Iterator[bool]:
+    """Hold the kernel's lock on `path`, a file of its own that stays.
 
-    On any failure `path` stays as it was. Yields the file, and a function that raises the first
-    error of the disk so far, which h5py itself never sees.
+    Yields False where another process holds it and this one does not wait, and on file systems
+    without locks.
     """
-    with explain_os_error(path), replacement(path) as handle:
-        stream = SafeStream(handle)
-        with h5py.File(stream, "w", track_order=True, libver=("v110", "v110")) as file:
-            _limit_cache(file)
-            yield file, stream.check
-        stream.check()
+    from filelock import FileLock, Timeout
 
-
-def remove_unfinished(path: Path) -> None:
-    """Remove half-written files of a crash; the lock ensures that no process is writing them."""
-    place = followed(path)
-    for leftover in place.parent.glob(f".{place.name}.*{UNFINISHED}"):
-        with explain_os_error(leftover):
-            leftover.unlink(missing_ok=True)
+    # the fallback, a lock by the mere existence of a file, would outlive a killed process
+    lock = FileLock(path, timeout=-1 if waits else 0, fallback_to_soft=False)
+    try:
+        lock.acquire()
+    except Timeout:
+        yield False
+        return
+    except (OSError, NotImplementedError) as error:
+        if isinstance(error, OSError) and error.errno not in _WITHOUT_LOCKS:
+            raise
+        yield False
+        return
+    try:
+        yield True
+    finally:
+        lock.release()

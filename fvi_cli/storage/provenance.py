@@ -14,12 +14,9 @@ from pathlib import Path
 import fvi_cli
 
 UNKNOWN = "unknown"
-
-_LIBRARIES = ("numpy", "scipy", "mpmath")
-_PACKAGES = (*_LIBRARIES, "h5py", "PyYAML", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "mpmath", "h5py", "PyYAML", "matplotlib")
 _GIT_SECONDS = 10.0
 _PACKAGE = Path(fvi_cli.__file__).resolve().parent
-_GENERATED = ":(top,exclude)results"
 
 
 @functools.cache
@@ -34,62 +31,46 @@ def package_versions() -> dict[str, str]:
     return versions
 
 
-def libraries() -> str:
-    """The libraries that compute: ``numpy 2.4.1, scipy 1.17.0, mpmath 1.3.0``."""
-    versions = package_versions()
-    return ", ".join(f"{name} {versions[name]}" for name in _LIBRARIES)
-
-
 def platform_name() -> str:
     """Operating system, processor and Python implementation; not the name of the machine."""
     return f"{platform.system()} {platform.machine()}, {platform.python_implementation()}"
 
 
 @functools.cache
-def checkout(package: Path) -> tuple[str, str]:
-    """Commit, and ``yes`` or ``no`` for uncommitted changes, of the checkout that holds `package`.
+def commit_of(package: Path) -> str:
+    """Commit of the checkout that holds `package`, with ``-dirty`` for uncommitted changes.
 
-    Changes under ``results/``, which the program makes, do not count. Both are ``unknown`` for
-    an installed package and where there is no git.
+    ``unknown`` for an installed package and where there is no git.
     """
-    # an installed copy may lie inside somebody else's checkout
-    if _git(package, "ls-files", "--error-unmatch", "__init__.py") is None:
-        return UNKNOWN, UNKNOWN
-    commit = _git(package, "rev-parse", "HEAD")
-    changes = _git(package, "status", "--porcelain", "--", ":(top)", _GENERATED)
-    is_dirty = UNKNOWN if changes is None else "yes" if changes.strip() else "no"
-    return (commit or UNKNOWN).strip(), is_dirty
-
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    """Standard output of a git command that only reads; None when it fails."""
     program = shutil.which("git")
-    if program is None:
-        return None
+    if program is None or not (package.parent / ".git").exists():
+        return UNKNOWN
     # a caller's own GIT_DIR (as in a hook) would lead to another repository
     environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
-    environment["GIT_OPTIONAL_LOCKS"] = "0"
     try:
         done = subprocess.run(  # noqa: S603 - fixed arguments, no shell
-            [program, "-C", str(folder), *arguments],
+            [program, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],
+            cwd=package,
             stdin=subprocess.DEVNULL,
             capture_output=True,
             text=True,
             check=True,
             timeout=_GIT_SECONDS,
-            env=environment,
+            env={**environment, "GIT_OPTIONAL_LOCKS": "0"},
         )
     except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
-        return None
-    return done.stdout
+        return UNKNOWN
+    return done.stdout.strip() or UNKNOWN
 
 
+@functools.cache
 def origin() -> dict[str, str]:
-    """Present time (UTC), version and commit, as attributes of a file or run."""
-    commit, dirty = checkout(_PACKAGE)
+    """Time (UTC) at which this process first stored something, commit, versions and platform."""
+    versions = package_versions()
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
-        "fvi_version": fvi_cli.__version__,
-        "git_commit": commit,
-        "git_dirty": dirty,
+        "fvi_version": versions["fvi-cli"],
+        "git_commit": commit_of(_PACKAGE),
+        "versions": ", ".join(f"{name} {one}" for name, one in versions.items()),
+        "platform": platform_name(),
     }

@@ -1,315 +1,351 @@
-"""Looking up, adding, consolidating and removing the runs of a result file."""
+"""A result file and its parts: finding, adding, reading and folding runs."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import logging
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from numpy.typing import NDArray
+import h5py
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.atomic import file_lock
-from fvi_cli.storage.contents import (
-    CONFIGURATION,
-    RESOLVED,
-    Configuration,
-    StoredConfiguration,
-    described,
-)
-from fvi_cli.storage.digests import (
-    Inputs,
-    identity_of,
-    specification_of,
-)
-from fvi_cli.storage.files import (
-    SUFFIX,
-    explain_damage,
-    remove_unfinished,
-)
-from fvi_cli.storage.journal import Journal
-from fvi_cli.storage.records.layout import description_of, layout_of
-from fvi_cli.storage.records.record import (
-    VARIANT_MARK,
-    Description,
-    Entry,
-    StoredRecord,
-    group_path,
-    swept_by,
-)
-from fvi_cli.storage.records.references import (
-    reference_identity_of,
-    reference_of_record,
-    reference_record_of,
-)
-from fvi_cli.storage.records.runs import finished_of, run_of, stored_record
-from fvi_cli.storage.result_file import ResultFile, write_file
+from fvi_cli.scenes.records.inputs import keep_numbers
+from fvi_cli.storage.columns import arrays_of_row
+from fvi_cli.storage.fields import finished_of
+from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
+from fvi_cli.storage.fold import INDEX, Fold, run_groups
+from fvi_cli.storage.groups import BLOCK_BYTES, GroupRows
+from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, close_latest, opened
+from fvi_cli.storage.identity import identity_of, reference_identity_of
+from fvi_cli.storage.parts import CONFIGURATION, INPUTS, configuration_part_of, texts_in
 from fvi_cli.studies.experiment import FinishedRun, Run
-from fvi_cli.studies.reference import Reference
+from fvi_cli.studies.reference import Reference, Tabulated
 
 _logger = logging.getLogger(__name__)
 
-
-@contextlib.contextmanager
-def open_results(directory: Path, name: str, *, fresh: bool = False) -> Iterator[Store]:
-    """Open ``<name>.h5`` in `directory` for reading and for new runs.
-
-    A lock of the kernel holds the file until the block ends. With `fresh` stored runs are not
-    found, so that each is computed again and replaced.
-    """
-    path = directory / f"{name}{SUFFIX}"
-    with file_lock(path):
-        remove_unfinished(path)
-        with contextlib.closing(Store(path, writes=True, is_fresh=fresh)) as store:
-            yield store
+SUFFIX: Final = ".h5"
+PARTIAL: Final = ".partial"
+_RUNNING: Final = ".running"
+_OF_VERSION_3: Final = (".journal", ".parts")
+"""Endings of files and folders that version 0.3 wrote beside a result file."""
 
 
-@contextlib.contextmanager
-def read_results(
-    path: Path, *, fresh: bool = False, may_be_missing: bool = False
-) -> Iterator[Store]:
-    """Open a result file and its journal to look up runs; writes no file.
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where a run is stored: file (or its content), group and row."""
 
-    With `may_be_missing` a file that does not exist counts as one without runs.
-    """
-    with contextlib.closing(Store(path, is_fresh=fresh)) as store:
-        if not may_be_missing and store.is_empty:
-            ResultFile(path).close()
-        yield store
+    source: Path | bytes
+    group: str
+    row: int
+
+
+@dataclass(frozen=True)
+class StoredConfiguration:
+    """The configuration that made a file."""
+
+    text: str  # word for word
+    overrides: tuple[str, ...]  # changes ``key.path=value`` that the command made to it
+    resolved: Mapping[str, Any]  # with every default filled in and every override applied
+    digest: str
 
 
 class Store:
-    """A result file and its journal, as one command sees them.
+    """``NAME.h5`` and ``NAME.partial/``, as one command sees them.
 
-    Reads give the contents at the time of opening; a run of the journal hides the same run of the
-    file. A store that `writes` accepts new runs; a fresh one does not find stored runs.
+    Without a path everything is kept in memory.
+
+    Raises
+    ------
+    StorageError
+        For files of other versions and other programs.
     """
 
-    def __init__(self, path: Path, *, writes: bool = False, is_fresh: bool = False) -> None:
-        self.path, self.is_fresh = path, is_fresh
-        self._entries: dict[str, Entry] = {}
-        self._requested: dict[str, dict[str, int]] = {}
-        self._descriptions: dict[tuple[str, str], Description] = {}
-        self._merged: list[Store] = []
-        self._added: set[str] = set()
-        self._inputs: Inputs = {}
-        # the journal first: if it is consolidated meanwhile, the file is opened after that
-        self._journal = Journal(path, writes=writes)
-        self._file: ResultFile | None = None
-        try:
-            if path.exists():
-                self._file = ResultFile(path)
-                self._learn(self._file.entries)
-            self._learn(self._journal.entries)
-        except BaseException:
-            self.close()
-            raise
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self._memory: dict[str, bytes] = {}
+        self._places: dict[str, Place] = {}
+        self._known: dict[Path | bytes, int] = {}
+        if path is not None:
+            for ending in _OF_VERSION_3:
+                if (other := path.with_suffix(ending)).exists():
+                    raise StorageError(OTHER_VERSION.format(path=other, version="0.3"))
+        self.look()
+
+    def __len__(self) -> int:
+        return len(self._places)
 
     @property
-    def is_empty(self) -> bool:
-        """Whether there is neither a file nor a journal with runs."""
-        return self._file is None and not self._entries
+    def folder(self) -> Path:
+        """The folder of the parts."""
+        if self.path is None:
+            raise StorageError("results in memory have no folder")
+        return self.path.with_suffix(PARTIAL)
 
-    def close(self) -> None:
-        """Close all files."""
-        self._close_files()
-        self._journal.close()
+    def parts(self) -> list[Path]:
+        """The parts in the folder, the oldest first."""
+        found = []
+        for path in [] if self.path is None else self.folder.glob(f"*{SUFFIX}"):
+            # another command may have folded it
+            with contextlib.suppress(FileNotFoundError):
+                found.append((path.stat().st_mtime_ns, path))
+        return [path for _, path in sorted(found)]
 
-    def _close_files(self) -> None:
-        for other in self._merged:
-            other.close()
-        if self._file is not None:
-            self._file.close()
+    def sources(self) -> list[Path]:
+        """The file and its parts, the oldest first."""
+        own = [self.path] if self.path is not None and self.path.exists() else []
+        return own + self.parts()
 
-    def _learn(self, entries: Iterable[Entry]) -> None:
-        for entry in entries:
-            self._entries[entry.identity] = entry
+    def look(self) -> None:
+        """Find the runs of the file and of the parts that are new."""
+        if self.path is not None and self.path.exists():
+            changed = self.path.stat().st_mtime_ns
+            if self._known.get(self.path) != changed:
+                self._places |= _indexed(self.path)
+                self._known[self.path] = changed
+        for source in (*self.parts(), *self._memory.values()):
+            if source not in self._known:
+                self._known[source] = 0
+                try:
+                    self._places |= _surveyed(source)
+                except DamagedFileError as error:
+                    _logger.warning("%s", error)
+                except FileNotFoundError:
+                    continue
 
-    def entries(self) -> list[Entry]:
-        """The entries of all runs."""
-        return [one for one in self._entries.values() if not one.is_reference]
+    def has(self, identity: str) -> bool:
+        """Whether a run or a reference is stored."""
+        return identity in self._places
 
-    def read(self, identity: str) -> StoredRecord | None:
-        """The record of this identity, verified; None if there is none."""
-        entry = self._entries.get(identity)
-        return None if entry is None else entry.record()
+    def has_part(self, name: str) -> bool:
+        """Whether a part is there, such as one that another command has written meanwhile."""
+        return self.path is not None and (self.folder / name).exists()
 
-    def finished(self, run: Run) -> FinishedRun | None:
-        """The stored run, or for a search the run that it chose; None: it is not stored."""
-        entry = None if self.is_fresh else self._entries.get(identity_of(run))
-        if entry is None:
-            return None
-        record = entry.record()
-        finished = self._read_back(run, record)
-        if finished is not None:
-            self._mark(finished.run, entry, (record, finished))
-        return finished
-
-    def _read_back(self, run: Run, record: StoredRecord) -> FinishedRun | None:
-        with explain_damage(self.path):
-            found = run_of(run, record.attributes)
-            return None if found is None else finished_of(record, found)
-
-    def add(self, batch: Sequence[FinishedRun]) -> None:
-        """Append finished runs to the journal; a kill after this loses none of them."""
-        records = [stored_record(finished) for finished in batch]
-        # experiments may share a run, which is then computed twice
-        new = {one.identity: one for one in records if one.identity not in self._added}
-        if new:
-            self._learn(self._journal.append(list(new.values())))
-            self._added |= new.keys()
-        for finished, record in zip(batch, records, strict=True):
-            self._mark(finished.run, self._entries[record.identity])
-
-    def has_reference(self, run: Run) -> bool:
-        """Whether the reference of a run is stored."""
-        return not self.is_fresh and self._reference_of(run) is not None
-
-    def _reference_of(self, run: Run) -> Entry | None:
-        return self._entries.get(reference_identity_of(run))
-
-    def reference(self, run: Run) -> Reference | None:
-        """The stored reference of a run, or None."""
-        entry = self._reference_of(run)
-        if entry is None:
-            return None
-        record = entry.record()
-        with explain_damage(self.path):
-            return reference_of_record(record)
-
-    def add_references(self, found: Sequence[tuple[Run, Reference]]) -> None:
-        """Append references of runs to the journal."""
-        if found:
-            self._learn(self._journal.append([reference_record_of(*one) for one in found]))
-
-    def _mark(
-        self, run: Run, entry: Entry, known: tuple[StoredRecord, FinishedRun] | None = None
-    ) -> None:
-        """Note that a stored run is requested, and the path at which it is to be written."""
-        kind, name, norm = entry.kind, run.experiment.name, run.experiment.norm
-        path = group_path(name, kind.case, kind.n_steps)
-        own = self._requested.setdefault(path, {})
-        own[entry.identity] = -1 if run.member is None else run.member.number
-        if (kind.experiment, kind.norm, kind.swept) != (name, norm, swept_by(run)):
-            self._inputs |= specification_of(run)[1]
-            record, finished = known or (found := entry.record(), self._read_back(run, found))
-            if finished is not None:
-                self._descriptions[path, entry.identity] = description_of(record, finished)
-
-    def mark_requested(self, runs: Iterable[Run]) -> tuple[int, int]:
-        """Mark the stored runs that a configuration requests, in its order.
-
-        Returns
-        -------
-        tuple of int
-            Number of runs, and number of those that are not stored.
-        """
-        count = missing = 0
-        for run in runs:
-            count += 1
-            entry = self._entries.get(identity_of(run))
-            if entry is None:
-                missing += 1
-            else:
-                self._mark(run, entry)
-        return count, missing
-
-    def merge(self, other: Store) -> None:
-        """Add the runs of another file that this one lacks, for :meth:`consolidate`."""
-        self._merged.append(other)
-        for entry in other._entries.values():
-            if entry.identity not in self._entries:
-                self._learn([entry])
-
-    def consolidate(
-        self,
-        configuration: Configuration | StoredConfiguration,
-        *,
-        even_empty: bool = False,
-        prunes: bool = False,
-    ) -> Path | None:
-        """Write all finished runs to one file, then remove the journal; the last call on a store.
-
-        Runs that were not requested this time are kept, in groups of their own where they have
-        other values, or dropped if it `prunes`. A run that was computed again replaces the earlier
-        one.
-
-        Returns
-        -------
-        Path or None
-            The file; None when there is no finished run, unless it is written `even_empty`.
-        """
-        if prunes:
-            requested = {identity for own in self._requested.values() for identity in own}
-            self._entries = {
-                identity: one
-                for identity, one in self._entries.items()
-                if identity in requested or one.is_reference
-            }
-        if not self.entries() and not even_empty:
-            return None
-        # no requested run is finished: the file keeps the configuration that it has
-        is_described = self._file is not None and not self._requested
-        attributes = (
-            self._root_attributes() if is_described else described(configuration, self._inputs)
-        )
-        layout = layout_of(self._entries, self._requested, self._descriptions)
-        if not self._is_current(layout, attributes):
-            others = sum(
-                VARIANT_MARK in path and not one.is_reference
-                for path, rows in layout.items()
-                for one in rows
-            )
-            if others:
-                _logger.info(
-                    "%s: also holds %d runs with other settings; `fvi show` lists them, "
-                    "`fvi run --prune` drops them",
-                    self.path,
-                    others,
-                )
-            self._write(layout, attributes)
-        self._journal.remove()
-        return self.path
-
-    def _root_attributes(self) -> dict[str, Any]:
-        """The root attributes of the configuration, as the file has them."""
-        root = {} if self._file is None else self._file.root
-        return {name: root[name] for name in CONFIGURATION}
-
-    def _is_current(
-        self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]
-    ) -> bool:
-        """Whether the file already has this layout and configuration."""
-        if self._file is None or self._file.root[RESOLVED] != attributes[RESOLVED]:
-            # with an equal RESOLVED the configurations differ in comments and notation at most
+    def has_grown(self) -> bool:
+        """Whether another command has folded parts since the last look."""
+        if self.path is None or not self.path.exists():
             return False
-        places = [(path, row, one) for path, own in layout.items() for row, one in enumerate(own)]
-        # a run with a new description is another entry
-        return [one for *_, one in places] == self._file.entries and all(
-            (one.path, one.row) == (path, row) for path, row, one in places
-        )
+        return self.path.stat().st_mtime_ns != self._known.get(self.path)
 
-    def _lookup(self, digest: str) -> NDArray[Any]:
-        """A long list of numbers by its digest."""
-        if digest in self._inputs:
-            return self._inputs[digest]
-        sources = {id(one.source): one.source for one in self._entries.values()}
-        # the root of the file may name lists that none of its runs names
-        for source in [*sources.values(), *filter(None, [self._file])]:
-            found = source.read_input(digest)
-            if found is not None:
-                return found
-        raise StorageError(f"{self.path}: the input {digest} is missing; run the command again")
+    def add(self, name: str, content: bytes) -> None:
+        """Store a part; :meth:`look` finds its runs."""
+        if self.path is None:
+            self._memory[name] = content
+            return
+        with explain_os_error(self.folder):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            replace_file(self.folder / name, content)
 
-    def _write(self, layout: Mapping[str, Sequence[Entry]], attributes: Mapping[str, Any]) -> None:
-        with contextlib.suppress(OSError):
-            self._journal.sync()
-        try:
-            # some systems cannot replace an open file, so it is closed first
-            write_file(self.path, layout, attributes, lookup=self._lookup, done=self._close_files)
-        except StorageError as error:
-            kept = self._journal.path
-            held = f"; finished runs are kept in {kept}" if kept.exists() else ""
-            raise StorageError(f"{error}{held}") from error
+    def read(self, runs: Sequence[Run], *, motions: bool = True) -> dict[Run, FinishedRun]:
+        """The stored ones among some runs; a search gives the run that it chose.
+
+        Without `motions` members of a sweep have no points.
+        """
+        found: dict[Run, FinishedRun] = {}
+        wanted = {
+            run: self._places[one] for run in runs if (one := identity_of(run)) in self._places
+        }
+        for run, rows, row, values, arrays in _read(wanted, motions=motions):
+            own = _chosen(run, values)
+            found[run] = finished_of(own, values, arrays_of_row(rows, arrays, row, values))
+        return found
+
+    def references(self, runs: Sequence[Run]) -> dict[Run, Reference | None]:
+        """The stored references of some runs; None where the exact solution is one."""
+        found: dict[Run, Reference | None] = {}
+        names = {run: reference_identity_of(run) for run in runs}
+        wanted = {run: self._places[one] for run, one in names.items() if one in self._places}
+        for run, rows, row, values, block in _read(wanted, motions=True):
+            arrays = arrays_of_row(rows, block, row, values)
+            found[run] = None
+            if "time" in arrays:
+                table = Tabulated(time=arrays["time"], position=arrays["position"])
+                error, source = float(values["reference_error"]), str(values["reference"])
+                found[run] = Reference(values=table, error=error, source=source)
+        return found
+
+    def describe(self, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> None:
+        """Store the configuration of a command, unless the file has it already."""
+        digest, content = configuration_part_of(text, resolved, overrides)
+        if self.path is None or (self.path.exists() and _digest_of(self.path) == digest):
+            return
+        self.add(f"{digest[:24]}{SUFFIX}", content)
+
+    def configuration(self) -> StoredConfiguration:
+        """The latest configuration; the numbers of its files are then known to the process.
+
+        Raises
+        ------
+        StorageError
+            If there is none.
+        """
+        if self.path is None or not (self.path.exists() or self.parts()):
+            hint = "; result files end in .h5, such as results/mine.h5"
+            raise StorageError(f"{self.path}: no such file{'' if self.path.suffix else hint}")
+        for source in reversed(self.sources()):
+            with opened(source, CONFIGURATION) as file:
+                if CONFIGURATION not in file:
+                    continue
+                texts = texts_in(file[CONFIGURATION])
+                for digest in file[INPUTS] if INPUTS in file else ():
+                    keep_numbers(file[INPUTS][digest]["numbers"][()])
+            return StoredConfiguration(
+                text=texts["text"],
+                overrides=tuple(json.loads(texts["overrides"])),
+                resolved=json.loads(texts["resolved"]),
+                digest=texts["digest"],
+            )
+        raise StorageError(f"{self.path}: holds no configuration")
+
+    def fold(self, requested: Sequence[Run] = (), *, prunes: bool = False) -> None:
+        """Make one file of the file and its parts, which are then removed.
+
+        Runs that are not `requested` move to ``/@kept/``, or are dropped if it `prunes`. One
+        command folds at a time; a part that appears meanwhile waits for the next. A damaged part is
+        set aside. Where the file system has no locks, parts stay.
+        """
+        if self.path is None or not (self.parts() or (prunes and self.path.exists())):
+            return
+        with explain_os_error(self.path):
+            lock = file_lock(self.path.with_name(f".{self.path.name}.lock"), waits=True)
+        with lock as is_held:
+            if not is_held:
+                _logger.warning("%s: no locks on this file system; parts stay there", self.folder)
+                return
+            parts = self.parts()
+            while True:
+                sources = [*([self.path] if self.path.exists() else []), *parts]
+                try:
+                    kept = Fold(sources, requested, prunes=prunes).write(self.path)
+                    break
+                except DamagedFileError as error:
+                    if error.path not in parts:
+                        raise
+                    _logger.warning("%s", error)
+                    close_latest()
+                    error.path.replace(error.path.with_suffix(".damaged"))
+                    parts.remove(error.path)
+            close_latest()
+            for path in parts:
+                path.unlink(missing_ok=True)
+            self._remove_unfinished()
+        if kept:
+            _logger.info(
+                "%s: also holds %d runs with other settings; `fvi show` lists them, "
+                "`fvi run --prune` drops them", self.path, kept,
+            )  # fmt: skip
+        self._places.clear()
+        self._known.clear()
+        self.look()
+
+    def _remove_unfinished(self) -> None:
+        """Remove the folder of parts, and files that a killed command left there."""
+        now = max((one.stat().st_mtime for one in self.folder.glob("*")), default=0.0)
+        for path in self.folder.glob(f".*{UNFINISHED}"):
+            with contextlib.suppress(OSError):
+                if path.stat().st_mtime < now - 3600 or not any(self.folder.glob(f"*{SUFFIX}")):
+                    path.unlink(missing_ok=True)
+        # another command may have written a part meanwhile
+        if not any(self.folder.glob(f"*{SUFFIX}")):
+            with contextlib.suppress(OSError):
+                (self.folder / _RUNNING).unlink(missing_ok=True)
+                self.folder.rmdir()
+
+
+@contextlib.contextmanager
+def running(path: Path | None) -> Iterator[bool]:
+    """Whether this command is the only one that computes runs of a result file."""
+    if path is None:
+        yield True
+        return
+    with (
+        explain_os_error(path.parent),
+        file_lock(path.with_suffix(PARTIAL) / _RUNNING, waits=False) as is_held,
+    ):
+        yield is_held
+
+
+def _chosen(run: Run, values: Mapping[str, Any]) -> Run:
+    """The run; for a tolerance the one that the search chose."""
+    accuracy = run.experiment.accuracy
+    for method in () if accuracy is None else accuracy.methods:
+        chosen = method, int(values["n_steps"])
+        if method.case == values["case"] and chosen != (run.method, run.n_steps):
+            return run.experiment.chosen_run(*chosen, run.member)
+    return run
+
+
+def _read(
+    places: Mapping[Run, Place], *, motions: bool
+) -> Iterator[tuple[Run, GroupRows, int, dict[str, Any], dict[str, Any]]]:
+    """Every run with its group, its row in a block, its values, and the arrays of the block."""
+    wanted: dict[tuple[Path | bytes, str], list[tuple[int, Run]]] = defaultdict(list)
+    for run, place in places.items():
+        wanted[place.source, place.group].append((place.row, run))
+    for (source, path), own in wanted.items():
+        with opened(source, path) as file:
+            rows = GroupRows(file[path], source)
+            values, most = list(rows.values()), _rows_together(rows)
+            blocks: dict[int, list[tuple[int, Run]]] = defaultdict(list)
+            for row, run in own:
+                blocks[row // most].append((row, run))
+            for number, members in blocks.items():
+                first = number * most
+                last = min(first + most, rows.count)
+                arrays = rows.arrays_in(file, first, last, motions=motions or not rows.keys)
+                for row, run in members:
+                    yield run, rows, row - first, values[row], arrays
+
+
+def _rows_together(rows: GroupRows) -> int:
+    own = sum(8 * _size(shape) for name, shape in rows.shapes.items() if not rows.is_shared(name))
+    return max(1, BLOCK_BYTES // max(own, 1))
+
+
+def _size(shape: Sequence[int]) -> int:
+    size = 1
+    for one in shape:
+        size *= one
+    return size
+
+
+def _indexed(path: Path) -> dict[str, Place]:
+    """The runs of a result file by its index."""
+    with opened(path, INDEX) as file:
+        if INDEX not in file:
+            return _surveyed(path)
+        held = file[INDEX]
+        names = [one.decode() for one in held["groups"][()].tolist()]
+        columns = (held[name][()].tolist() for name in ("identity", "group", "row"))
+        rows = zip(*columns, strict=True)
+        return {one.decode(): Place(path, names[group], row) for one, group, row in rows}
+
+
+def _surveyed(source: Path | bytes) -> dict[str, Place]:
+    """The runs of a part by its groups."""
+    with opened(source) as file:
+        return {
+            identity: Place(source, str(group.name), row)
+            for group in run_groups(file)
+            for row, identity in enumerate(_identities(group))
+        }
+
+
+def _identities(group: h5py.Group) -> list[str]:
+    """The identities of a group, without its other values."""
+    if "identity" in group:
+        return [one.decode() for one in group["identity"][()].tolist()]
+    value = group.attrs["identity"]
+    return [value.decode() if isinstance(value, bytes) else str(value)]
+
+
+def _digest_of(path: Path) -> str:
+    """The digest of the configuration of a file."""
+    with opened(path, CONFIGURATION) as file:
+        if CONFIGURATION not in file:
+            return ""
+        return texts_in(file[CONFIGURATION])["digest"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fvi_cli.storage.atomic import explain_os_error, replacement
+from fvi_cli.storage.files import explain_os_error, replacement
 from fvi_cli.studies.vibration.modes import ModeTable
 
 

@@ -1,1 +1,0 @@
-"""Groups of a result file: a run, or the members of a sweep in common arrays."""

@@ -1,1 +1,0 @@
-"""Records of runs, independent of the file in which they are stored."""

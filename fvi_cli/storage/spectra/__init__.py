@@ -1,1 +1,0 @@
-"""Files of results in the plane of complex frequencies."""
