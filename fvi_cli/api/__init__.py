@@ -18,7 +18,7 @@ command             call
 ``fvi cost``        :func:`cost`
 ``fvi fit``         :func:`fit`
 ``fvi export``      :func:`export`
-``fvi merge``       :func:`merge_files`
+
 ``fvi new``         :func:`starter_config`, :func:`json_schema`
 ``fvi guide``       ``fvi_cli.config.guide_page``
 =================== ===========================================================================

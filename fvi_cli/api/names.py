@@ -51,10 +51,9 @@ from fvi_cli.render.results import write as write
 from fvi_cli.runner.compute import recall as recall
 from fvi_cli.runner.compute import run as run
 from fvi_cli.runner.cost import cost as cost
-from fvi_cli.runner.fits.fit import fit as fit
+from fvi_cli.runner.fit import fit as fit
 from fvi_cli.runner.integrate_scene import integrate as integrate
 from fvi_cli.runner.outcome import Outcome as Outcome
-from fvi_cli.runner.parts.merge import merge_files as merge_files
 from fvi_cli.runner.request import load as load
 from fvi_cli.runner.stability import stability as stability
 from fvi_cli.runner.vibration import modes as modes

@@ -35,7 +35,7 @@ GROUPS: Mapping[str, tuple[Command, ...]] = {
     "Compute": (compute.run, compute.cost, compute.stability, compute.fit),
     "Report": (report.convergence, report.plot, report.quantities),
     "Linear structures": (compute.modes, compute.response),
-    "Result files": (files.show, files.export, files.merge),
+    "Result files": (files.show, files.export),
     "Configurations": (
         configurations.new,
         configurations.check,

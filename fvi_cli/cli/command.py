@@ -68,25 +68,10 @@ class Call:
 
     def gather(self, sources: Sequence[str]) -> Sequence[Request]:
         """Read and check configurations, with the changes by options."""
-        from fvi_cli.keys.complaints import ChecksMember, every_member
         from fvi_cli.runner.request import gather
 
-        checks_member: ChecksMember = every_member
-        results: Callable[[str], Path] | None = None
-        if self.stores_runs:
-            # this import loads the engine, which other commands do not need for a check
-            from fvi_cli.runner.parts.shard import shard_named
-
-            part = shard_named(self.shard)
-            checks_member = part.checks_member
-            results = lambda name: self.output / part.file_name(name)  # noqa: E731
-
-        self.requests = gather(
-            sources,
-            self.overrides or (),
-            checks_member=checks_member,
-            results=results,
-        )
+        results = (lambda name: self.output / f"{name}.h5") if self.stores_runs else None
+        self.requests = gather(sources, self.overrides or (), results=results)
         return self.requests
 
     @property

@@ -36,12 +36,9 @@ def run(
     from fvi_cli.render.results import json_rows
     from fvi_cli.render.runs import runs_as_text
     from fvi_cli.runner.compute import run as compute_runs
-    from fvi_cli.runner.parts.shard import shard_named
-
-    shard = shard_named(call.shard)
 
     def show(outcomes: list[Outcome], request: Request) -> None:
-        path = request.stored or call.output / shard.file_name(request.name)
+        path = request.stored or call.output / f"{request.name}.h5"
         call.files.append(path)
         if call.json:
             call.collect(json_rows(outcomes))
@@ -105,8 +102,8 @@ def fit(call: Call, configs: Configs) -> int:
     Writes tables, figures and a configuration with the numbers found. Exit code 1 when a fit does
     not converge; then the best point is reported, and why.
     """
-    from fvi_cli.runner.fits.fit import fit as fit_to
-    from fvi_cli.runner.fits.fit import fit_tasks, write_fitted
+    from fvi_cli.runner.fit import fit as fit_to
+    from fvi_cli.runner.fit import fit_tasks, write_fitted
 
     def show(results: list[FitResult], request: Request) -> None:
         call.show(results, request, also=lambda: write_fitted(request, results, call.output))

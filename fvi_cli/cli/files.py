@@ -1,16 +1,15 @@
-"""Commands for result files: ``show``, ``export``, ``merge``."""
+"""Commands for result files: ``show``, ``export``."""
 
 from __future__ import annotations
 
 import logging
 import re
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from fvi_cli.cli.command import Call, command
-from fvi_cli.cli.exits import DONE, RUN_FAILED
+from fvi_cli.cli.exits import DONE
 from fvi_cli.cli.options import ResultFile, Shown
 
 _logger = logging.getLogger("fvi_cli")
@@ -38,7 +37,7 @@ def show(
     from fvi_cli.render.json import contents_as_json
     from fvi_cli.render.runs import contents_as_text
     from fvi_cli.runner.request import STORED_SUFFIX
-    from fvi_cli.storage import escape_text, list_runs, read_configuration
+    from fvi_cli.storage import list_runs, read_configuration
 
     if config and file.suffix != STORED_SUFFIX:
         path = find_config(str(file))
@@ -51,9 +50,9 @@ def show(
         return DONE
     if config:
         made_by = read_configuration(file)
-        print(escape_text(made_by.text), end="")
+        print(made_by.text, end="")
         for override in made_by.overrides:
-            _logger.warning("made with --set %s", escape_text(override))
+            _logger.warning("made with --set %s", override)
     elif call.json:
         print(contents_as_json(list_runs(file)))
     else:
@@ -68,22 +67,3 @@ def export(call: Call, file: ResultFile) -> int:
 
     print(*export_file(file, call.output / file.stem), sep="\n")
     return DONE
-
-
-@command("output")
-def merge(
-    call: Call,
-    files: Annotated[
-        list[Path], typer.Argument(metavar="FILE.h5...", help="Results of `fvi run --shard I/N`.")
-    ],
-) -> int:
-    """Join result files of one configuration, such as those of its parts, into one."""
-    from fvi_cli.runner.parts.merge import merge_files
-
-    merged = merge_files(files, call.output)
-    print(f"{merged.path}: {merged.runs - merged.missing} of {merged.runs} runs")
-    if merged.missing:
-        _logger.error(
-            "%d runs are missing in all files; run their part, then merge again", merged.missing
-        )
-    return RUN_FAILED if merged.missing else DONE

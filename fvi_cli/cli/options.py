@@ -75,7 +75,7 @@ Shard = Annotated[
         "--shard",
         metavar="I/N",
         rich_help_panel=CLUSTERS,
-        help="Compute only the I-th of N parts, into a file of its own; see `fvi merge`.",
+        help="Compute only the I-th of N parts, into the common folder of parts.",
     ),
 ]
 Quiet = Annotated[

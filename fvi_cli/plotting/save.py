@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 
 from fvi_cli.plotting.style import journal_style
-from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.files import replace_file
 
 FORMATS = ("png", "pdf", "svg")
 """Kinds of pictures; the first is the usual one."""

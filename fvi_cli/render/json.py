@@ -11,7 +11,14 @@ from typing import Any
 from fvi_cli.runner.plan import PlannedRun
 from fvi_cli.runner.request import Request
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.records.fields import ObservedSummary, summary_of
+from fvi_cli.storage.fields import (
+    COUNTS,
+    EXTENTS,
+    JSON_FIELDS,
+    counts_in,
+    extents_in,
+    values_of,
+)
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.fits.result import FitResult
 
@@ -32,9 +39,14 @@ def plans_as_json(plans: Sequence[PlannedRun]) -> str:
 def contents_as_json(stored: StoredFile) -> str:
     """The provenance of a result file, and every run in it."""
     runs = [
-        {name: value for name, value in asdict(run).items() if name != "observed"}
-        | _observed(run.observed)
-        for run in stored.runs
+        {
+            "experiment": one.experiment,
+            **_values(one.values),
+            "members": one.members,
+            "swept": one.swept,
+            "variant": one.variant,
+        }
+        for one in stored.runs
     ]
     return document({"provenance": dict(stored.provenance), "runs": runs})
 
@@ -125,34 +137,25 @@ def _run(run: Run) -> dict[str, object]:
 
 def run_as_json(finished: FinishedRun) -> dict[str, object]:
     """A run with its result."""
-    own = finished.assurance
-    trajectory = finished.trajectory
+    run, values = finished.run, values_of(finished)
     return {
-        **_run(finished.run),
-        "norm": finished.run.experiment.norm,
-        "error": finished.error,
-        "floor": finished.floor,
-        "status": finished.status,
-        "may_fail": finished.run.experiment.expects_failure(finished.run.method),
-        "predicted": finished.predicted,
-        "expected_order": finished.expected_order,
-        "reference": finished.reference,
-        "tolerance": None if own is None else own.tolerance,
-        "estimate": None if own is None else own.estimate,
-        "seconds": trajectory.stepping_seconds,
-        "message": trajectory.message,
-        "remarks": list(trajectory.remarks),
-        **_observed(summary_of(trajectory.observed)),
+        **_run(run),
+        "may_fail": run.experiment.expects_failure(run.method),
+        "tolerance": None,
+        "estimate": None,
+        **_values(values),
     }
 
 
-def _observed(summary: ObservedSummary) -> dict[str, object]:
-    """Extents of quantities, and numbers of events."""
+def _values(values: Mapping[str, Any]) -> dict[str, object]:
+    """The values of a run by the names of the table, with extents of quantities and events."""
     return {
-        "quantities": {name: asdict(one) for name, one in summary.extents.items()},
-        "events": dict(summary.counts),
-        "stopped_by": summary.stopped_by or None,
-    }
+        **{name: json.loads(one) if name in JSON_FIELDS else one for name, one in values.items()
+           if name not in (EXTENTS, COUNTS)},
+        "quantities": {name: asdict(one) for name, one in extents_in(values).items()},
+        "events": counts_in(values),
+        "stopped_by": values.get("stopped_by") or None,
+    }  # fmt: skip
 
 
 def _plan(plan: PlannedRun) -> dict[str, object]:
@@ -161,7 +164,5 @@ def _plan(plan: PlannedRun) -> dict[str, object]:
         **_run(plan.run),
         **unknown,
         "action": plan.action,
-        "reason": plan.reason,
-        "predicted": plan.predicted,
         "memory_bytes": plan.memory_bytes,
     }

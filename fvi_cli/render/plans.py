@@ -9,12 +9,12 @@ from fvi_cli.runner.plan import PlannedRun, group_alike
 
 
 def plans_as_text(plans: Sequence[PlannedRun]) -> str:
-    """One line for every run: action, reason, and the memory that it takes.
+    """One line for every run: what is done with it, and the memory that it takes.
 
-    Members of a sweep with the same action and reason share a line.
+    Members of a sweep with the same action share a line.
     """
-    header = ("experiment", "method", "n_steps", "step_size", "action", "predicted", "memory")
-    rows = [(*header, "reason")]
+    header = ("experiment", "method", "n_steps", "step_size", "action", "memory")
+    rows = [header]
     for alike in group_alike(plans):
         plan = alike[0]
         run, size = plan.run, plan.memory_bytes
@@ -24,9 +24,7 @@ def plans_as_text(plans: Sequence[PlannedRun]) -> str:
                 *_method_and_steps(plan),
                 "-" if plan.finds_steps else f"{run.step_size:.6g}",
                 plan.action if run.member is None else f"{plan.action} {len(alike)} members",
-                plan.predicted,
                 "-" if size is None else f"{size / 1e6:.3g} MB",
-                plan.reason,
             )
         )
     return columns_of_words(rows)

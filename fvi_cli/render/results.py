@@ -76,7 +76,7 @@ def _outcome_figures(title: str, outcomes: Sequence[Outcome]) -> dict[str, Figur
 
 
 def _mode_shapes(beginning: Path, tables: Sequence[ModeTable]) -> list[Path]:
-    from fvi_cli.storage.spectra.mode_shapes import write_mode_shapes
+    from fvi_cli.storage.mode_shapes import write_mode_shapes
 
     path = beginning.with_name(f"{beginning.name}-modes.h5")
     write_mode_shapes(path, tables)

@@ -10,7 +10,6 @@ import textwrap
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 
-from fvi_cli.integrator.method import method_named
 from fvi_cli.reports.document import Grid
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.quantities import (
@@ -22,7 +21,7 @@ from fvi_cli.reports.writers.text import aligned as grid_as_text
 from fvi_cli.reports.writers.text import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.records.fields import summary_of
+from fvi_cli.storage.fields import counts_in, extents_in, values_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words
 from fvi_cli.studies.peak_errors import with_peak_errors
@@ -109,7 +108,7 @@ def _observed_as_text(outcomes: Sequence[Outcome]) -> list[str]:
             method=one.run.method_label,
             n_steps=one.run.n_steps,
             error=one.error,
-            observed=summary_of(one.trajectory.observed),
+            values=values_of(one),
         )
         for outcome in outcomes
         for one in with_peak_errors(outcome.finished)
@@ -123,7 +122,7 @@ _EVENT_COLUMNS = (
     Column(
         "run",
         title="run",
-        get=lambda one: "ended by this event" if one.name == one.observed.stopped_by else "",
+        get=lambda one: "ended by this event" if one.name == one.values["stopped_by"] else "",
     ),
 )
 
@@ -133,13 +132,13 @@ def _quantities_as_text(runs: Iterable[About]) -> list[str]:
     found = list(runs)
     named = [Column(name, title=name) for name in ("experiment", "method", "n_steps")]
     texts = []
-    for what, columns in (("extents", EXTENT_COLUMNS), ("counts", _EVENT_COLUMNS)):
+    for read, columns in ((extents_in, EXTENT_COLUMNS), (counts_in, _EVENT_COLUMNS)):
         items = [
             About(**vars(run), name=name, found=seen)
             for run in found
-            for name, seen in getattr(run.observed, what).items()
+            for name, seen in read(run.values).items()
         ]
-        extents = [one.found for one in items if what == "extents"]
+        extents = [one.found for one in items if read is extents_in]
         is_own, is_of_position = shown_errors(extents, [one.error for one in items])
         left_out = ("peak_error",) * (not is_own) + ("error",) * (not is_of_position)
         shown = [one for one in columns if one.name not in left_out]
@@ -172,25 +171,20 @@ def _members_as_text(outcome: Outcome) -> str:
     return columns_of_words(rows)
 
 
+def _stored(name: str, form: str = "") -> Column:
+    """The column of a value of stored runs."""
+    return Column(name, title=name, get=lambda run: run.values.get(name), form=form)
+
+
 _STORED_COLUMNS = (
     Column("experiment", title="experiment"),
-    Column("method", title="method", get=lambda run: _method(run.case)),
-    Column("n_steps", title="n_steps"),
-    Column("step_size", title="step_size", form=".6g"),
-    Column("norm", title="norm"),
-    Column("error", title="error", form=".3e"),
-    Column("status", title="status"),
-    Column("case", title="case"),
+    *map(_stored, ("method", "n_steps")),
+    _stored("step_size", ".6g"),
+    _stored("norm"),
+    _stored("error", ".3e"),
+    *map(_stored, ("status", "case")),
     Column("variant", title="with"),
 )
-
-
-def _method(case: str) -> str:
-    """The name for readers of a method whose name in files is `case`; if unknown `case`."""
-    try:
-        return method_named(case).label
-    except ValueError:
-        return case
 
 
 def contents_as_text(stored: StoredFile) -> str:
@@ -200,18 +194,16 @@ def contents_as_text(stored: StoredFile) -> str:
     tables = _quantities_as_text(
         About(
             experiment=run.experiment,
-            method=_method(run.case),
-            n_steps=run.n_steps,
-            error=run.error,
-            observed=run.observed,
+            method=run.values["method"],
+            n_steps=run.values["n_steps"],
+            error=run.values["error"],
+            values=run.values,
         )
         for run in stored.runs
+        if not run.members
     )
     swept = dict.fromkeys(
         f"{run.experiment}: {run.members} members, {run.swept}; the largest error is shown"
-        if run.members > 1
-        else f"{run.experiment} {_method(run.case)}, n_steps = {run.n_steps}: the member with "
-        f"{run.swept}"
         for run in stored.runs
         if run.members
     )

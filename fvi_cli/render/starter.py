@@ -7,7 +7,7 @@ from pathlib import Path
 from fvi_cli.config import MODELINE, SCHEMA_FILE, schema_text, starter_config
 from fvi_cli.config.keys.experiment import NAME
 from fvi_cli.errors import RequestError
-from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.files import replace_file
 
 
 def write_starter(name: str, kind: str, *, schema: bool = False) -> list[Path]:

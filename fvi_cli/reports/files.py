@@ -8,7 +8,7 @@ from pathlib import Path
 from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
 from fvi_cli.reports.writers import csv_name, rendered
 from fvi_cli.reports.writers.data import as_value, as_word, csv_columns, read_csv
-from fvi_cli.storage.atomic import explain_os_error, replace_file
+from fvi_cli.storage.files import explain_os_error, replace_file
 
 Key = tuple[str, ...]
 

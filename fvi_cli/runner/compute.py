@@ -1,39 +1,31 @@
-"""The runs of a request: read back or computed, and stored if that is requested."""
+"""The runs of a request: looked up, computed, stored, and read."""
 
 from __future__ import annotations
 
-import contextlib
-import itertools
 import logging
 import re
-from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Iterator, Sequence
+from concurrent.futures import BrokenExecutor
+from dataclasses import replace
 from pathlib import Path
 
-from fvi_cli.runner.executors.batches import one_by_one_words
-from fvi_cli.runner.executors.execute import execute_job
-from fvi_cli.runner.executors.jobs import (
-    ComputeJob,
-    Crash,
-    FinishedJob,
-    Job,
-    jobs_of,
-)
-from fvi_cli.runner.outcome import Outcome, is_unexpected_failure, without_motion
-from fvi_cli.runner.parts.shard import shard_named
-from fvi_cli.runner.plan import check_memory_together
+from fvi_cli.errors import StorageError
+from fvi_cli.runner.executor import Result, check_workers, compute_all
+from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
+from fvi_cli.runner.plan import check_memory_together, result_file, shard_named
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Source, gather, requested
-from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import (
-    report_missing,
-    reusable,
-    stored_runs,
+from fvi_cli.runner.request import Request, Source, gather, requested
+from fvi_cli.runner.work import (
+    Batch,
+    batches_of,
+    lost_run,
+    one_by_one_words,
+    reference_batches_of,
 )
-from fvi_cli.storage import Store
+from fvi_cli.storage.identity import identity_of, reference_identity_of
+from fvi_cli.storage.store import Store, running
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-from fvi_cli.studies.members import Member
-from fvi_cli.studies.reference import Reference, needs_refined_run, remember
+from fvi_cli.studies.reference import needs_refined_run, remember
 
 _logger = logging.getLogger(__name__)
 
@@ -68,7 +60,7 @@ def run(
     keep
         Store the computed runs in `output`.
     progress
-        Show a progress bar where there is a terminal.
+        Show progress on standard error.
     keeps_motions
         Return the points of members of a sweep; a summary does not need them.
 
@@ -81,72 +73,36 @@ def run(
     RequestError
         If the longest runs, one for each process, do not fit in memory together.
     """
-    settings = Settings(
-        output=Path(output or "."),
-        workers=workers,
-        dask=dask,
-        fresh=fresh or output is None,
-        show_progress=progress,
-        keep=keep and output is not None,
-        keeps_motions=keeps_motions,
-        shard=shard_named(shard),
-    )
-    request = requested(source)
-    check_memory_together(request, settings)
-    is_kept = settings.keep and request.stored is None
-    with stored_runs(request, settings, writes=is_kept) as store:
-        listed = settings.runs_of(request)
-        kept = (lambda one: one) if settings.keeps_motions else without_motion
-        done: dict[Run, FinishedRun] = {}
-        waiting: list[Run] = []
-        for one in itertools.chain.from_iterable(listed.values()):
-            found = reusable(store.finished(one), request)
-            if found is None:
-                waiting.append(one)
-            else:
-                done[one] = kept(found)
-        shown: set[tuple[str, str, str]] = set()
-
-        def take(one: FinishedJob) -> None:
-            # runs of a dead worker are not stored, so the next command computes them again
-            if is_kept and one.stored:
-                store.add(one.stored)
-            for run, finished in zip(one.job.runs, one.finished, strict=True):
-                done[run] = kept(finished)
-                _report(finished, shown)
-
-        prunes = False
-        try:
-            if request.stored is None:
-                _log_waiting(request.name, len(done), waiting)
-                compute_jobs(
-                    jobs_of(waiting, store.has_reference),
-                    settings,
-                    title=request.name,
-                    compute=execute_job,
-                    take=take,
-                    store=store,
-                    is_kept=is_kept,
-                )
-                prunes = prune
-        finally:
-            if is_kept:
-                # also after Ctrl-C: the next command finds the finished runs
-                # a part may have no runs; its file is written all the same, for `fvi merge`
-                store.consolidate(
-                    request.loaded, even_empty=settings.shard.count > 1, prunes=prunes
-                )
-        outcomes = [
-            _outcome(experiment, [done[run] for run in runs if run in done])
-            for experiment, runs in listed.items()
-        ]
-        if request.stored is not None:
-            report_missing(outcomes, store)
-            for experiment, runs in listed.items():
-                is_refined = runs and not experiment.members and needs_refined_run(runs[0])
-                if is_refined and (reference := store.reference(runs[0])):
-                    remember(experiment, reference)
-        return outcomes
+    request, part = requested(source), shard_named(shard)
+    check_workers(workers, dask)
+    check_memory_together(request, workers)
+    store = Store(result_file(request, output))
+    listed = {one: one.runs() for one in request.loaded.experiments}
+    runs = [one for own in listed.values() for one in own]
+    lost: dict[Run, str] = {}
+    if request.stored is None:
+        target = store if keep else Store(None)
+        task = _Task(request, runs, store, target, part, is_fresh=fresh)
+        lost = task.compute(workers, dask, prunes=prune, progress=progress)
+    else:
+        target = store
+        store.configuration()
+        store.fold()
+    found = store.read(runs, motions=keeps_motions)
+    if target is not store:
+        found |= target.read(runs, motions=keeps_motions)
+    found |= {one: lost_run(one, message) for one, message in lost.items()}
+    if request.stored is None:
+        _report(runs, found)
+    outcomes = [_outcome(one, [found[r] for r in own if r in found]) for one, own in listed.items()]
+    if request.stored is not None:
+        _report_missing(outcomes, request.stored)
+    for experiment, own in listed.items():
+        if own and not experiment.members and needs_refined_run(own[0]):
+            references = target.references(own[:1]) or store.references(own[:1])
+            if reference := references.get(own[0]):
+                remember(experiment, reference)
+    return outcomes
 
 
 def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
@@ -165,78 +121,106 @@ def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
         If the file cannot be read.
     """
     (request,) = gather([str(path)], overrides)
-    return run(request, output=Path(path).parent)
+    return run(request)
 
 
-def compute_jobs(
-    jobs: Sequence[Job],
-    settings: Settings,
-    *,
-    title: str,
-    compute: ComputeJob,
-    take: Callable[[FinishedJob], None],
-    store: Store,
-    is_kept: bool,
-) -> None:
-    """Compute the jobs of a command, with progress and references.
+class _Task:
+    """The runs of a request that are computed by one command."""
 
-    `take` is called with every finished job. References are looked up in `store`; with `is_kept`
-    computed references are stored there.
-    """
-    runs = [(job, run) for job in jobs if not job.is_reference for run in job.runs]
-    references = _References(store=store, jobs=jobs, is_kept=is_kept)
-    # a single search logs its progress itself
-    is_single_search = len(runs) == 1 and runs[0][1].is_search
-    with (
-        progress_bar(
-            title, len(runs), wanted=settings.show_progress and not is_single_search
-        ) as done,
-        contextlib.closing(settings.executor().compute(jobs, compute, references.of)) as computed,
-    ):
-        for one in computed:
-            if one.job.is_reference:
-                references.learn(one)
-                continue
-            take(one)
-            for run, result in zip(one.job.runs, one.results, strict=True):
-                found = result.run if isinstance(result, FinishedRun) else run
-                done(_named(found.title, title))
-            references.forget(one.job)
+    def __init__(
+        self,
+        request: Request,
+        runs: Sequence[Run],
+        store: Store,
+        target: Store,
+        shard: tuple[int, int],
+        *,
+        is_fresh: bool,
+    ) -> None:
+        self.request, self.runs, self.store, self.target = request, runs, store, target
+        self.shard, self.is_fresh = shard, is_fresh
 
+    def compute(
+        self, workers: int, dask: str | None, *, prunes: bool, progress: bool
+    ) -> dict[Run, str]:
+        """Compute and store what is missing; returns runs that were lost, with the reason."""
+        loaded, lost = self.request.loaded, dict[Run, str]()
+        number, count = self.shard
+        if self.target is self.store:
+            if count == 1:
+                # a damaged part is found now, so that its runs are computed
+                self.store.fold(self.runs)
+            self.store.describe(loaded.text, loaded.resolved, loaded.overrides)
+        missing = self._missing()
+        _log_waiting(self.request.name, self.runs, missing)
+        batches = batches_of(missing)[number - 1 :: count]
+        own = [run for batch in batches for run in batch.runs]
+        references = [
+            batch
+            for batch in reference_batches_of(own)
+            if self.is_fresh
+            or not all(self.store.has(reference_identity_of(run)) for run in batch.runs)
+        ]
+        try:
+            with (
+                running(self.target.path if batches else None) as is_alone,
+                progress_bar(self.request.name, len(own), wanted=progress) as advance,
+            ):
+                for batch, result in self._results(references, workers, dask, is_alone=is_alone):
+                    self._take(batch, result)
+                self.target.look()
+                for batch, result in self._results(batches, workers, dask, is_alone=is_alone):
+                    lost |= self._take(batch, result)
+                    advance(batch.runs[-1].title, len(batch.runs))
+        finally:
+            # also after Ctrl-C
+            if count == 1:
+                self.target.fold(self.runs, prunes=prunes)
+            self.target.look()
+        return lost
 
-class _References:
-    """References for errors: stored ones, and others in memory until the last run needs them."""
+    def _missing(self) -> list[Run]:
+        """The first of all equal runs that are not stored."""
+        found: dict[str, Run] = {}
+        for one in self.runs:
+            identity = identity_of(one)
+            if self.is_fresh or not self.store.has(identity):
+                found.setdefault(identity, one)
+        return list(found.values())
 
-    def __init__(self, *, store: Store, jobs: Sequence[Job], is_kept: bool) -> None:
-        self._store, self._is_kept = store, is_kept
-        self._waiting = Counter(job.needs for job in jobs if job.needs is not None)
-        self._found: dict[tuple[Experiment, Member | None], Reference | Crash | None] = {}
+    def _results(
+        self, batches: Sequence[Batch], workers: int, dask: str | None, *, is_alone: bool
+    ) -> Iterator[tuple[Batch, Result]]:
+        if workers > 1 or dask:
+            batches = sorted(batches, key=lambda one: -one.n_steps)
+        # two commands begin at different ends, and skip what the other has done
+        ordered = batches if is_alone else batches[::-1]
+        return compute_all(ordered, workers, dask, prepare=self._prepared)
 
-    def of(self, run: Run) -> Reference | Crash | None:
-        """The reference of a run, or why there is none; None where it is not computed yet."""
-        key = run.experiment, run.member
-        if key in self._found:
-            return self._found[key]
-        return self._store.reference(run) if needs_refined_run(run) else None
+    def _prepared(self, batch: Batch) -> Batch | None:
+        """The batch with the references that are known; None: another command has computed it."""
+        if not self.is_fresh:
+            if self.target.has_part(batch.name):
+                return None
+            if self.target.has_grown():
+                self.target.look()
+            name_of = reference_identity_of if batch.is_reference else identity_of
+            if all(self.store.has(name_of(one)) for one in batch.runs):
+                return None
+        if batch.is_reference:
+            return batch
+        needed = [one for one in batch.runs if needs_refined_run(one)]
+        known = {} if self.is_fresh else self.store.references(needed)
+        return replace(batch, references=known | self.target.references(needed))
 
-    def learn(self, one: FinishedJob) -> None:
-        """Keep the references that a job has computed."""
-        pairs = list(zip(one.job.runs, one.results, strict=True))
-        for run, result in pairs:
-            if result is None or isinstance(result, Reference | Crash):
-                self._found[run.experiment, run.member] = result
-        if self._is_kept:
-            found = [(run, result) for run, result in pairs if isinstance(result, Reference)]
-            self._store.add_references(found)
-
-    def forget(self, job: Job) -> None:
-        """Release references that no further job needs."""
-        needs = job.needs
-        if needs is not None:
-            self._waiting[needs] -= 1
-            if not self._waiting[needs]:
-                for run in needs.runs:
-                    self._found.pop((run.experiment, run.member), None)
+    def _take(self, batch: Batch, result: Result) -> dict[Run, str]:
+        """Store the part of a batch; returns the runs that it lacks."""
+        if isinstance(result, BaseException):
+            is_dead = isinstance(result, BrokenExecutor)
+            words = "the process that computed it ended twice (out of memory?)"
+            return dict.fromkeys(batch.runs, words if is_dead else f"not computed: {result}")
+        self.target.add(batch.name, result.part)
+        return {batch.runs[place]: message for place, message in result.lost.items()}
 
 
 def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome:
@@ -246,33 +230,49 @@ def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome
     return Outcome(experiment=own, finished=tuple(finished))
 
 
-def _named(words: str, title: str) -> str:
-    """A run in one line, without the name of the experiment if the title has it already."""
-    return words.removeprefix(f"{title} ")
+def _report_missing(outcomes: Sequence[Outcome], path: Path) -> None:
+    """Warn of requested runs that a result file lacks.
+
+    Raises
+    ------
+    StorageError
+        If none of the runs of an experiment can be used.
+    """
+    for outcome in outcomes:
+        if outcome.missing and not outcome.finished:
+            raise StorageError(
+                f"{path}: none of the {outcome.missing} runs of {outcome.experiment.name} is "
+                "stored for these settings and this version of fvi; compute them with fvi run and "
+                f"their configuration, which fvi show {path} --config prints"
+            )
+        if outcome.missing:
+            _logger.warning(
+                "%s: %d runs of %s are missing; run its configuration to compute them",
+                path, outcome.missing, outcome.experiment.name,
+            )  # fmt: skip
 
 
-def _log_waiting(title: str, stored: int, waiting: Sequence[Run]) -> None:
-    """Log how many runs are computed."""
-    _logger.info("%s: %d runs, %d of them stored", title, stored + len(waiting), stored)
-    for words in {one_by_one_words(one.experiment) for one in waiting} - {""}:
-        _logger.warning("%s: %s", title, words)
+def _log_waiting(title: str, runs: Sequence[Run], missing: Sequence[Run]) -> None:
+    """Log how many runs are computed, and why members are not a batch."""
+    _logger.info("%s: %d runs, %d of them stored", title, len(runs), len(runs) - len(missing))
+    for experiment in dict.fromkeys(one.experiment for one in missing):
+        if words := one_by_one_words(experiment):
+            _logger.warning("%s: %s", title, words)
 
 
-def _report(finished: FinishedRun, shown: set[tuple[str, str, str]]) -> None:
+def _report(runs: Sequence[Run], found: dict[Run, FinishedRun]) -> None:
     """Log a line for a run (a warning if it failed unexpectedly), and each of its remarks once."""
-    run = finished.run
-    for remark in finished.trajectory.remarks:
-        alike = run.experiment.name, run.method.case, re.sub(r"[0-9.]+", "", remark)
-        if alike not in shown:
-            shown.add(alike)
-            _logger.warning("%s: %s", run.title, remark)
-    level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
-    message = finished.trajectory.message
-    _logger.log(
-        level,
-        "%s: %s, error %.3g%s",
-        finished.run.title,
-        finished.status,
-        finished.error,
-        f" ({message})" if message else "",
-    )
+    shown: set[tuple[str, str, str]] = set()
+    for run_ in runs:
+        if run_ not in found:
+            continue
+        finished = found[run_]
+        title, trajectory = finished.run.title, finished.trajectory
+        for remark in trajectory.remarks:
+            alike = run_.experiment.name, run_.method.case, re.sub(r"[0-9.]+", "", remark)
+            if alike not in shown:
+                shown.add(alike)
+                _logger.warning("%s: %s", title, remark)
+        level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
+        message = f" ({trajectory.message})" if trajectory.message else ""
+        _logger.log(level, "%s: %s, error %.3g%s", title, finished.status, finished.error, message)

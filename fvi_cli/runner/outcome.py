@@ -8,19 +8,15 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.reports.naming import member_columns
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.storage.fields import JSON_FIELDS, counts_in, extents_in, values_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import EXTENTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-_NO_TIMES, _NOWHERE = np.zeros(0), np.zeros((0, 1))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -110,19 +106,12 @@ class Outcome:
         """Columns that identify a run, and columns of its results."""
         columns = member_columns(self.experiment.members, lambda finished: finished.run.member)
         key = {column.name: column.of(one) for column in columns}
-        key |= {"method": one.run.method_label, "case": one.run.method.case}
-        key["n_steps"] = one.run.n_steps
-        found: dict[str, Any] = {
-            "step_size": one.run.step_size,
-            "error": one.error,
-            "status": one.status,
-        }
-        observed = one.trajectory.observed
-        if observed is not None:
-            for name, extent in observed.extents.items():
-                found |= {f"{which}_{name}": getattr(extent, which) for which in EXTENTS}
-            found |= {f"count_{name}": seen.time.size for name, seen in observed.events.items()}
-        return key, found
+        values = values_of(one)
+        key |= {name: values.pop(name) for name in ("method", "case", "n_steps")}
+        for name, extent in extents_in(values).items():
+            values |= {f"{which}_{name}": getattr(extent, which) for which in EXTENTS}
+        values |= {f"count_{name}": count for name, count in counts_in(values).items()}
+        return key, {name: one for name, one in values.items() if name not in JSON_FIELDS}
 
     def _by_method(self) -> list[tuple[str, str, str]]:
         """(Case, numbers of runs by status, least error) of every method."""
@@ -145,24 +134,6 @@ class Outcome:
     def missing(self) -> int:
         """Number of runs that were not computed."""
         return len(self.experiment.runs()) - len(self.finished)
-
-
-def without_motion(finished: FinishedRun) -> FinishedRun:
-    """A member of a sweep without the points of its motion, as a summary needs it."""
-    own = finished.trajectory
-    if finished.run.member is None or own.observed is not None:
-        return finished
-    brief = Trajectory(
-        time=_NO_TIMES,
-        position=_NOWHERE,
-        n_steps=own.n_steps,
-        step_size=own.step_size,
-        status=own.status,
-        message=own.message,
-        remarks=own.remarks,
-        stepping_seconds=own.stepping_seconds,
-    )
-    return replace(finished, trajectory=brief)
 
 
 def is_unexpected_failure(finished: FinishedRun) -> bool:

@@ -1,23 +1,22 @@
-"""Plans: what would be done with every run of a request, and why."""
+"""What would be done with every run of a request, and the memory that it takes."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
 
 from fvi_cli.config.memory import run_bytes, shortage
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.executors.batches import pack_size
-from fvi_cli.runner.executors.jobs import crash
-from fvi_cli.runner.parts.shard import shard_named
-from fvi_cli.runner.request import Request, Source, requested
-from fvi_cli.runner.settings import Settings
-from fvi_cli.runner.stored import reusable, stored_runs
-from fvi_cli.studies.experiment import Predicted, Run
-from fvi_cli.studies.study import prediction_of
+from fvi_cli.runner.request import STORED_SUFFIX, Request, Source, requested
+from fvi_cli.runner.work import batches_of, pack_size
+from fvi_cli.storage.identity import identity_of
+from fvi_cli.storage.store import Store
+from fvi_cli.studies.experiment import Run
 
-_SEARCH = "steps are chosen during the run, for {}; a second run estimates the error"
+_SHARD: Final = re.compile(r"([0-9]{1,6})/([0-9]{1,6})")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -25,17 +24,14 @@ class PlannedRun:
     """The plan for one run."""
 
     run: Run
-    # "reuse" a stored result, "compute", or "leave out" (a run that is missing in the result file
-    # of the request)
+    # "reuse" a stored result, "compute", or "leave out" (a run that another shard computes, or that
+    # is missing in the result file of the request)
     action: str
-    # to reuse: stored; to compute: new; to leave out: not in the file
-    reason: str
-    predicted: Predicted
 
     @property
     def finds_steps(self) -> bool:
         """Whether a search will choose method and number of steps, which are not known now."""
-        return self.run.experiment.accuracy is not None and self.action != "reuse"
+        return self.run.is_search
 
     @property
     def memory_bytes(self) -> int | None:
@@ -52,53 +48,62 @@ def plan(
     fresh: bool = False,
     shard: str = "1/1",
 ) -> list[PlannedRun]:
-    """What :func:`run` would do with every run, why, and the prediction; writes no file."""
-    settings = Settings(output=Path(output), workers=workers, fresh=fresh, shard=shard_named(shard))
-    request = requested(source)
-    check_memory_together(request, settings)
-    plans = []
-    with stored_runs(request, settings) as store:
-        runs = [run for own in settings.runs_of(request).values() for run in own]
-        for run in runs:
-            earlier = reusable(store.finished(run), request)
-            action, reason = "reuse", "stored"
-            predicted: Predicted = "unknown"
-            if earlier is not None:
-                run, predicted = earlier.run, earlier.predicted
-            elif run.experiment.accuracy is not None:
-                action = "compute" if request.stored is None else "leave out"
-                reason = _SEARCH.format(run.experiment.accuracy.words)
-            else:
-                action, reason, predicted = _missing(run, request)
-            plans.append(PlannedRun(run=run, action=action, reason=reason, predicted=predicted))
-    return plans
-
-
-def _missing(run: Run, request: Request) -> tuple[str, str, Predicted]:
-    """Action, reason and prediction for a run that is not stored."""
-    try:
-        prediction = prediction_of(run)
-    except Exception as error:
-        return "compute", f"no prediction: {crash(error).message}", "unknown"
-    verdict = prediction.verdict
-    if request.stored is not None:
-        return "leave out", "not in the file", verdict
-    return "compute", "new", verdict
+    """What :func:`run` would do with every run; writes no file."""
+    request, (number, count) = requested(source), shard_named(shard)
+    check_memory_together(request, workers)
+    store = Store(result_file(request, output))
+    runs = [run for one in request.loaded.experiments for run in one.runs()]
+    is_read = request.stored is not None
+    missing = [run for run in runs if not store.has(identity_of(run)) or (fresh and not is_read)]
+    batches = [] if is_read else batches_of(missing)[number - 1 :: count]
+    own, others = {run for batch in batches for run in batch.runs}, set(missing)
+    return [
+        PlannedRun(
+            run=run,
+            action="compute" if run in own else "leave out" if run in others else "reuse",
+        )
+        for run in runs
+    ]
 
 
 def group_alike(plans: Sequence[PlannedRun]) -> list[list[PlannedRun]]:
     """Groups of plans: members with the same plan form one group, any other plan its own."""
     groups: dict[tuple[object, ...], list[PlannedRun]] = {}
-    for plan in plans:
-        run = plan.run
-        shared = (run.experiment, run.method, run.n_steps, plan.action, plan.predicted, plan.reason)
-        groups.setdefault((run,) if run.member is None else shared, []).append(plan)
+    for one in plans:
+        run = one.run
+        shared = (run.experiment, run.method, run.n_steps, one.action)
+        groups.setdefault((run,) if run.member is None else shared, []).append(one)
     return list(groups.values())
 
 
-def check_memory_together(request: Request, settings: Settings) -> None:
+def result_file(request: Request, output: Path | str | None) -> Path | None:
+    """Where the runs of a request are, or would be, stored; None: nowhere."""
+    if request.stored is not None:
+        return request.stored
+    return None if output is None else Path(output) / f"{request.name}{STORED_SUFFIX}"
+
+
+def shard_named(text: str) -> tuple[int, int]:
+    """The numbers I and N of a text ``I/N``, of which I counts from 1.
+
+    Raises
+    ------
+    RequestError
+        If the text names no part.
+    """
+    found = _SHARD.fullmatch(text)
+    number, count = map(int, found.groups()) if found else (0, 0)
+    if not 1 <= number <= count:
+        raise RequestError(
+            f"--shard {text}: is not I/N with I from 1 to N, such as 2/4 for the second of four "
+            "parts"
+        )
+    return number, count
+
+
+def check_memory_together(request: Request, workers: int) -> None:
     """Refuse if the longest runs do not fit in memory together; single runs are checked before."""
-    if settings.workers == 1 or request.stored is not None:
+    if workers == 1 or request.stored is not None:
         return
     sizes = [
         run_bytes(one, method, n_steps, members=pack_size(one))
@@ -106,8 +111,8 @@ def check_memory_together(request: Request, settings: Settings) -> None:
         for method in one.methods
         for n_steps in one.steps
     ]
-    if words := shortage(sum(sorted(sizes)[-settings.workers :]), " at the same time"):
+    if words := shortage(sum(sorted(sizes)[-workers:]), " at the same time"):
         raise RequestError(
-            f"--workers {settings.workers}: the longest runs of {request.name} {words}; fewer "
-            "processes need less"
+            f"--workers {workers}: the longest runs of {request.name} {words}; fewer processes "
+            "need less"
         )

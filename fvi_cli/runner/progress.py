@@ -8,9 +8,9 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
-Advance = Callable[[str], None]
+Advance = Callable[..., None]
+"""Called with a description of what is done, and a number if that is more than one piece."""
 
-BAR_WIDTH = 20
 SECONDS_BETWEEN_LINES = 10.0
 
 _logger = logging.getLogger(__name__)
@@ -40,11 +40,11 @@ def configure_logging(level: int) -> logging.Logger:
 def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
     """Show how many of `total` pieces are done: a bar on a terminal, elsewhere a line now and then.
 
-    It yields a function; call it with a description of every piece when that is done. Nothing is
-    shown unless it is `wanted`.
+    It yields a function that is called when something is done. Nothing is shown unless it is
+    `wanted`.
     """
     if not (wanted and total):
-        yield lambda doing: None
+        yield lambda doing, count=1: None
     elif sys.stderr.isatty():
         with _bar(title, total) as advance:
             yield advance
@@ -61,9 +61,9 @@ def _lines(title: str, total: int) -> Iterator[Advance]:
         while not ended.wait(SECONDS_BETWEEN_LINES):
             _logger.info("%s: %d of %d done", title, done, total)
 
-    def advance(doing: str) -> None:
+    def advance(doing: str, count: int = 1) -> None:
         nonlocal done
-        done += 1
+        done += count
 
     reporter = threading.Thread(target=report, daemon=True)
     reporter.start()
@@ -92,7 +92,11 @@ def _bar(title: str, total: int) -> Iterator[Advance]:
         markup=False,
         table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
     )
-    columns = (BarColumn(bar_width=BAR_WIDTH), MofNCompleteColumn(), TimeElapsedColumn(), doing)
+    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), doing)
     with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as progress:
         task = progress.add_task(title, total=total)
-        yield lambda doing: progress.update(task, advance=1, description=doing)
+
+        def advance(doing: str, count: int = 1) -> None:
+            progress.update(task, advance=count, description=doing.removeprefix(f"{title} "))
+
+        yield advance

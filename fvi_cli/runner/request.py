@@ -7,16 +7,13 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored, parse_config
 from fvi_cli.errors import FviError, RequestError
 from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
-
-if TYPE_CHECKING:
-    from fvi_cli.storage import StoredConfiguration
 
 STORED_SUFFIX = ".h5"
 
@@ -97,7 +94,7 @@ def _request(
 
         # without changes the file's own configuration; with them that of other runs in the file
         loaded = load_stored(
-            _as_written(read_configuration(path)),
+            _as_written(read_configuration(path).resolved),
             source,
             overrides=overrides,
             checks_member=every_member if overrides else no_member,
@@ -119,16 +116,16 @@ def _known(
             # most commands need not wait for this import
             from fvi_cli.storage import has_configuration
 
-            return loaded if has_configuration(stored, loaded) else None
+            is_same = has_configuration(stored, loaded.text, loaded.resolved, loaded.overrides)
+            return loaded if is_same else None
     return None
 
 
-def _as_written(configuration: StoredConfiguration) -> dict[str, Any]:
+def _as_written(resolved: Mapping[str, Any]) -> dict[str, Any]:
     """A stored configuration in full, a single experiment without a list, as people write it."""
-    resolved: dict[str, Any] = json.loads(configuration.resolved)
     experiments = resolved["experiments"]
     is_single = len(experiments) == 1 and experiments[0]["name"] == resolved["name"]
-    return dict(experiments[0]) if is_single else resolved
+    return dict(experiments[0] if is_single else resolved)
 
 
 def load(

@@ -5,9 +5,9 @@ from __future__ import annotations
 import logging
 
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.executors.jobs import describe_crash
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request, Source, Task, requested
+from fvi_cli.runner.work import crash_of
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
 from fvi_cli.studies.stability_study import (
     StabilityTable,
@@ -58,7 +58,7 @@ def _study(experiment: Experiment, *, show_progress: bool) -> StabilityTable:
     rows = []
     with progress_bar(experiment.name, total, wanted=show_progress) as advance:
         try:
-            for row in stability_rows(experiment, failed=describe_crash):
+            for row in stability_rows(experiment, failed=crash_of):
                 rows.append(row)
                 advance(row.run.title)
         except ValueError as error:

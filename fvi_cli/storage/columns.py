@@ -25,12 +25,11 @@ Arrays = Mapping[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Column:
-    """One value of many runs: float64, int64 or bytes, the latter text or JSON; None where a run
-    lacks it."""
+    """One value of many runs: float64, int64 or bytes, the latter text or JSON."""
 
     data: NDArray[Any]
-    is_json: bool = False
-    has_fill: bool = False
+    is_json: bool = False  # so that runs may lack the value
+    has_fill: bool = False  # the same for numbers
 
     def values(self) -> list[Any]:
         """The values as Python objects."""

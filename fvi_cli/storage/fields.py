@@ -149,6 +149,9 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("relative", "share of the largest position that was asked for", _A + "relative"),
 )  # fmt: skip
 
+JSON_FIELDS: Final = frozenset(one.name for one in FIELDS if one.form == "json")
+"""Values of several entries."""
+
 CLASSES: Final[Mapping[str, type]] = {
     "measured": Measured,
     "trajectory": Trajectory,

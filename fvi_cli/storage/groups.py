@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final
 
 import h5py
@@ -22,6 +21,7 @@ from fvi_cli.storage.fields import AXES, OCCURRENCE, axes_of, meaning_of
 from fvi_cli.storage.hdf5 import (
     LINKS,
     NewGroup,
+    Source,
     attach_scales,
     copy_attributes,
     datasets,
@@ -42,7 +42,7 @@ Piece = tuple[Rows, int, int]
 class GroupRows(Rows):
     """Runs in a group of a file, which is opened only while arrays are read."""
 
-    def __init__(self, group: h5py.Group, source: Path | bytes, *, is_whole: bool = True) -> None:
+    def __init__(self, group: h5py.Group, source: Source, *, is_whole: bool = True) -> None:
         # for a single run that is copied as a whole these two suffice
         is_brief = not is_whole and h5a.exists(group.id, b"identity")
         common = read_attributes(group.id, ("identity", "variant") if is_brief else ())
@@ -83,11 +83,9 @@ class GroupRows(Rows):
                 # HDF5 copies chunks as they are: damage in them must be seen here
                 for start in range(0, len(node), _rows_in(BLOCK_BYTES, node.shape[1:])):
                     node[start : start + _rows_in(BLOCK_BYTES, node.shape[1:])]
-                axes[name] = axes_of(name) or (name,)
-                if self.keys and not self.is_shared(name):
+                axes[name] = (MEMBER,) if name in self.columns else axes_of(name) or (name,)
+                if name in self.shapes and not self.is_shared(name):
                     axes[name] = (MEMBER, *axes[name])
-                elif name in self.columns:
-                    axes[name] = (MEMBER,)
             h5o.copy(group.id, b".", file.id, path.encode(), lcpl=LINKS)
         attach_scales(h5g.open(file.id, path.encode()), axes)
         return True

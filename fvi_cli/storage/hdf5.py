@@ -40,6 +40,7 @@ _GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
 SCALE_ATTRIBUTES: Final = (b"DIMENSION_LIST", b"REFERENCE_LIST", b"CLASS", b"NAME")
 """Attributes by which HDF5 attaches dimension scales."""
 
+_FLOAT: Final = np.dtype("<f8")
 _READ_ERRORS = (OSError, LookupError, ValueError, TypeError, RuntimeError)
 """What h5py raises for damaged bytes."""
 
@@ -49,19 +50,23 @@ OTHER_VERSION: Final = (
 )
 
 
+Source = Path | bytes
+"""A file, or the content of one in memory."""
+
+
 class DamagedFileError(StorageError):
     """HDF5 cannot read a part of a file, or finds a wrong checksum in it."""
 
-    def __init__(self, path: Path | bytes, part: str, error: BaseException) -> None:
+    def __init__(self, path: Source, part: str, error: BaseException) -> None:
         super().__init__(
-            f"{path!s}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in other "
+            f"{_name_of(path)}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in other "
             "parts are whole; move the file away, and its runs are computed again"
         )
         self.path = path
 
 
 @contextlib.contextmanager
-def opened(source: Path | bytes, part: str = "it") -> Iterator[h5py.File]:
+def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
     """Open a result file, or the content of one, for reading.
 
     Raises
@@ -79,27 +84,32 @@ def opened(source: Path | bytes, part: str = "it") -> Iterator[h5py.File]:
             yield _open(source, (state.st_ino, state.st_mtime_ns))
     except _READ_ERRORS as error:
         if isinstance(error, PermissionError):
-            raise StorageError(f"{source!s}: cannot be read: {reason(error)}") from None
+            raise StorageError(f"{_name_of(source)}: cannot be read: {reason(error)}") from None
         raise DamagedFileError(source, part, error) from error
 
 
 @functools.lru_cache(maxsize=1)
-def _open(source: Path | bytes, state: tuple[int, int]) -> h5py.File:
+def _open(source: Source, state: tuple[int, int]) -> h5py.File:
     """An open file; the latest one stays open, until it is replaced or another is opened."""
     if isinstance(source, Path) and source.is_dir():
         raise StorageError(f"{source}: is a folder, not a result file")
     file = h5py.File(
         io.BytesIO(source) if isinstance(source, bytes) else source, "r", locking=False
     )
-    if file.attrs.get("creator") != CREATOR or "format" not in file.attrs:
+    root = {name: file.attrs[name] for name in file.attrs if name in ("creator", "format")}
+    if root.get("creator") not in (CREATOR, CREATOR.encode()) or "format" not in root:
         raise StorageError(
-            f"{source!s}: was not written by fvi; it is left as it is: move it away, or choose "
+            f"{_name_of(source)}: was not written by fvi; it is left as it is: move it away, or choose "
             "another name or --output"
         )
-    if int(file.attrs["format"]) != FORMAT:
+    if root["format"] != FORMAT:
         version = file.attrs.get("fvi_version", "another version")
-        raise StorageError(OTHER_VERSION.format(path=source, version=version))
+        raise StorageError(OTHER_VERSION.format(path=_name_of(source), version=version))
     return file
+
+
+def _name_of(source: Source) -> str:
+    return "results in memory" if isinstance(source, bytes) else str(source)
 
 
 def close_latest() -> None:
@@ -127,7 +137,7 @@ class NewGroup:
         name: str,
         axes: tuple[str, ...],
         shape: tuple[int, ...],
-        dtype: Any = np.dtype("<f8"),
+        dtype: Any = _FLOAT,
         **attributes: Any,
     ) -> None:
         """Create a dataset that is written later; and numbers for an axis that has no values."""

@@ -89,10 +89,14 @@ def configuration_part_of(
     text: str, resolved: Mapping[str, Any], overrides: Sequence[str]
 ) -> tuple[str, bytes]:
     """Digest and part of a configuration, with the numbers of its files."""
+    digest = configuration_digest(text, resolved, overrides)
     texts = {"text": text, "resolved": json.dumps(resolved), "overrides": json.dumps(overrides)}
-    digest = sha256(canonical_json(texts))
-    inputs = dict(inputs_in(resolved))
-    return digest, _image({}, {}, {**texts, "digest": digest}, inputs)
+    return digest, _image({}, {}, {**texts, "digest": digest}, dict(inputs_in(resolved)))
+
+
+def configuration_digest(text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> str:
+    """SHA-256 of a configuration."""
+    return sha256(canonical_json([text, resolved, list(overrides)]))
 
 
 def write_root(file: h5py.File, origin: Mapping[str, str]) -> None:

@@ -20,9 +20,15 @@ from fvi_cli.storage.fields import finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
 from fvi_cli.storage.fold import INDEX, Fold, run_groups
 from fvi_cli.storage.groups import BLOCK_BYTES, GroupRows
-from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, close_latest, opened
+from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, children, close_latest, opened
 from fvi_cli.storage.identity import identity_of, reference_identity_of
-from fvi_cli.storage.parts import CONFIGURATION, INPUTS, configuration_part_of, texts_in
+from fvi_cli.storage.parts import (
+    CONFIGURATION,
+    INPUTS,
+    configuration_digest,
+    configuration_part_of,
+    texts_in,
+)
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import Reference, Tabulated
 
@@ -39,7 +45,7 @@ _OF_VERSION_3: Final = (".journal", ".parts")
 class Place:
     """Where a run is stored: file (or its content), group and row."""
 
-    source: Path | bytes
+    source: Source
     group: str
     row: int
 
@@ -69,7 +75,7 @@ class Store:
         self.path = path
         self._memory: dict[str, bytes] = {}
         self._places: dict[str, Place] = {}
-        self._known: dict[Path | bytes, int] = {}
+        self._known: dict[Source, int] = {}
         if path is not None:
             for ending in _OF_VERSION_3:
                 if (other := path.with_suffix(ending)).exists():
@@ -107,7 +113,8 @@ class Store:
             if self._known.get(self.path) != changed:
                 self._places |= _indexed(self.path)
                 self._known[self.path] = changed
-        for source in (*self.parts(), *self._memory.values()):
+        sources: list[Source] = [*self.parts(), *self._memory.values()]
+        for source in sources:
             if source not in self._known:
                 self._known[source] = 0
                 try:
@@ -171,7 +178,7 @@ class Store:
     def describe(self, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> None:
         """Store the configuration of a command, unless the file has it already."""
         digest, content = configuration_part_of(text, resolved, overrides)
-        if self.path is None or (self.path.exists() and _digest_of(self.path) == digest):
+        if self.path is None or _digest_of(self.path) == digest:
             return
         self.add(f"{digest[:24]}{SUFFIX}", content)
 
@@ -183,16 +190,16 @@ class Store:
         StorageError
             If there is none.
         """
-        if self.path is None or not (self.path.exists() or self.parts()):
-            hint = "; result files end in .h5, such as results/mine.h5"
-            raise StorageError(f"{self.path}: no such file{'' if self.path.suffix else hint}")
+        if not self.sources():
+            hint = "" if str(self.path).endswith(SUFFIX) else "; result files end in .h5"
+            raise StorageError(f"{self.path}: no such file{hint}")
         for source in reversed(self.sources()):
             with opened(source, CONFIGURATION) as file:
                 if CONFIGURATION not in file:
                     continue
                 texts = texts_in(file[CONFIGURATION])
-                for digest in file[INPUTS] if INPUTS in file else ():
-                    keep_numbers(file[INPUTS][digest]["numbers"][()])
+                for _, group in children(file[INPUTS]) if INPUTS in file else ():
+                    keep_numbers(group["numbers"][()])
             return StoredConfiguration(
                 text=texts["text"],
                 overrides=tuple(json.loads(texts["overrides"])),
@@ -283,7 +290,7 @@ def _read(
     places: Mapping[Run, Place], *, motions: bool
 ) -> Iterator[tuple[Run, GroupRows, int, dict[str, Any], dict[str, Any]]]:
     """Every run with its group, its row in a block, its values, and the arrays of the block."""
-    wanted: dict[tuple[Path | bytes, str], list[tuple[int, Run]]] = defaultdict(list)
+    wanted: dict[tuple[Source, str], list[tuple[int, Run]]] = defaultdict(list)
     for run, place in places.items():
         wanted[place.source, place.group].append((place.row, run))
     for (source, path), own in wanted.items():
@@ -325,7 +332,7 @@ def _indexed(path: Path) -> dict[str, Place]:
         return {one.decode(): Place(path, names[group], row) for one, group, row in rows}
 
 
-def _surveyed(source: Path | bytes) -> dict[str, Place]:
+def _surveyed(source: Source) -> dict[str, Place]:
     """The runs of a part by its groups."""
     with opened(source) as file:
         return {
@@ -343,9 +350,18 @@ def _identities(group: h5py.Group) -> list[str]:
     return [value.decode() if isinstance(value, bytes) else str(value)]
 
 
+def has_configuration(
+    path: Path, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]
+) -> bool:
+    """Whether a result file was made for a configuration."""
+    with contextlib.suppress(StorageError):
+        return _digest_of(path) == configuration_digest(text, resolved, overrides)
+    return False
+
+
 def _digest_of(path: Path) -> str:
     """The digest of the configuration of a file."""
+    if not path.exists():
+        return ""
     with opened(path, CONFIGURATION) as file:
-        if CONFIGURATION not in file:
-            return ""
-        return texts_in(file[CONFIGURATION])["digest"]
+        return texts_in(file[CONFIGURATION])["digest"] if CONFIGURATION in file else ""

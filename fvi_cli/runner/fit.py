@@ -11,7 +11,7 @@ from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request, Source, Task, requested
-from fvi_cli.storage.atomic import replace_file
+from fvi_cli.storage.files import replace_file
 from fvi_cli.studies.experiment import Experiment
 from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.fits.settings import FitSettings

@@ -1,1 +1,0 @@
-"""Where runs are computed: in this process, in others, on a cluster."""

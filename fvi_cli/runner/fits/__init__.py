@@ -1,1 +1,0 @@
-"""The fits of a request, and the files that they write."""

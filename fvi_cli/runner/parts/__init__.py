@@ -1,1 +1,0 @@
-"""Division of a configuration into parts for several commands, and merging of their files."""
