@@ -95,7 +95,7 @@ def test_results_are_reused_recalled_and_exported(tmp_path):
 def test_a_result_file_tells_what_it_holds(tmp_path):
     fvi.run(CONFIG, output=tmp_path)
     stored = fvi.contents(tmp_path / "free.h5")
-    assert [run.n_steps for run in stored.runs] == [4, 8, 16, 32]
+    assert [run.values["n_steps"] for run in stored.runs] == [4, 8, 16, 32]
     assert "gauss-s2-graded" in fvi.as_text(stored)
     assert fvi.load(yaml.safe_load(fvi.configuration(tmp_path / "free.h5").text)).name == "free"
 

@@ -9,6 +9,7 @@ import pytest
 
 from fvi_cli.config import parse_config
 from fvi_cli.errors import ConfigError
+from fvi_cli.storage.hdf5 import read_attributes
 
 CONFIG = """\
 name: tuned
@@ -40,7 +41,7 @@ def stored(tmp_path, name="tuned"):
     with h5py.File(tmp_path / "results" / f"{name}.h5") as file:
         cases = file[name]
         return [
-            dict(group.attrs)
+            read_attributes(group.id)
             for runs in cases.values()
             for name, group in runs.items()
             if name != "convergence"
@@ -69,9 +70,9 @@ def test_a_longest_step_is_kept(fvi, tmp_path):
 def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, tmp_path):
     said = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
     assert "refused" in said
-    # what was refused is no answer to be used again
-    planned = fvi("run", "tuned.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-15")
-    assert "reuse" not in planned
+    # it is stored, and says so again
+    again = fvi("run", "tuned.yaml", "--set", "accuracy.tolerance=1e-15", expected=1)
+    assert "refused" in again
     (run,) = stored(tmp_path)
     assert (run["status"], run["tolerance"]) == ("refused", 1e-15)
 
@@ -96,8 +97,7 @@ def test_steps_are_found_on_the_way(fvi, tmp_path):
     assert run["outcome"] == "met"
     assert run["n_steps"] < 40
     with h5py.File(tmp_path / "results" / "found.h5") as file:
-        (runs,) = next(iter(file.values())).values()
-        (group,) = (group for name, group in runs.items() if name != "convergence")
+        ((group,),) = (case.values() for case in file["found"].values())
         time = group["time"][:]
     assert time.size == run["n_steps"] + 1
     assert (time[0], time[-1]) == (0.0, 4.0)
@@ -123,11 +123,11 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
     with h5py.File(tmp_path / "results/swept.h5") as file:
         groups = [one for case in file["swept"].values() for one in case.values()]
         runs = [one for one in groups if "n_steps" in one.attrs]
-        found = {one["problem.stiffness"][0]: one for one in runs}
+        found = {one.attrs["problem.stiffness"]: one for one in runs}
         assert sorted(found) == values
         for stiffness, one in found.items():
-            assert one["position"].shape[:2] == (1, one.attrs["n_steps"] + 1)
-            assert one.attrs["outcome"] == "met"
+            assert one["position"].shape[0] == one.attrs["n_steps"] + 1
+            assert one.attrs["outcome"] == b"met"
             single = text[: text.index("sweep")].replace(
                 "  damping", f"  stiffness: {stiffness}\n  damping"
             )
@@ -140,12 +140,12 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
                     for r in case.values()
                     if "n_steps" in r.attrs
                 )
-                assert same["position"][:].tolist() == one["position"][0].tolist()
+                assert same["position"][:].tolist() == one["position"][:].tolist()
     # one more value: the others are recalled; another tolerance: none is
     more = text.replace("200.5]", "200.5, 7.0]")
     (tmp_path / "swept.yaml").write_text(more)
     planned = fvi("run", "swept.yaml", "--dry-run")
-    assert planned.count("reuse") == 3
+    assert "reuse 3 members" in planned
     assert "compute 1 members" in planned
     assert "reuse" not in fvi("run", "swept.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-6")
 

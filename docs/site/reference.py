@@ -10,7 +10,7 @@ import typer
 
 from fvi_cli.cli.app import GROUPS, app
 from fvi_cli.config import configuration_reference
-from fvi_cli.storage.records.fields import AXES, FIELDS
+from fvi_cli.storage.fields import AXES, FIELDS
 
 PAGES = Path(__file__).parents[1] / "reference"
 BEGIN, END = "<!-- begin generated -->\n", "<!-- end generated -->\n"

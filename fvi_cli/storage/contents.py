@@ -75,7 +75,7 @@ def list_runs(path: Path | str) -> StoredFile:
                 found.append((experiment, kept, rows, settings))
     runs = [
         _stored_run(name, rows, difference_in_words(own.get(name, {}), settings) if kept else "")
-        for name, kept, rows, settings in found
+        for name, kept, rows, settings in sorted(found, key=lambda one: bool(one[1]))
     ]
     return StoredFile(provenance=provenance, runs=tuple(runs))
 

@@ -69,7 +69,7 @@ def export_file(path: Path | str, directory: Path | str) -> list[Path]:
 def _name(rows: GroupRows, values: Mapping[str, Any]) -> str:
     """The name of a file; members are numbered where they have no name."""
     experiment, case, steps = rows.path.split("/")[-3:]
-    member = values.get("member") or (f"member-{values['number']}" if "number" in values else "")
+    member = values.get("design") or (f"member-{values['number']}" if "number" in values else "")
     return "-".join(filter(None, (experiment, member, case, steps.partition("-")[0])))
 
 

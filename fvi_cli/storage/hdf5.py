@@ -58,9 +58,10 @@ class DamagedFileError(StorageError):
     """HDF5 cannot read a part of a file, or finds a wrong checksum in it."""
 
     def __init__(self, path: Source, part: str, error: BaseException) -> None:
+        words = " ".join(str(error).split())
         super().__init__(
-            f"{_name_of(path)}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in other "
-            "parts are whole; move the file away, and its runs are computed again"
+            f"{_name_of(path)}: HDF5 cannot read {part}: {words}; runs in other parts are whole; "
+            "move the file away, and its runs are computed again"
         )
         self.path = path
 
@@ -76,45 +77,32 @@ def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
     StorageError
         For files that this version has not written.
     """
+    if isinstance(source, Path) and source.is_dir():
+        raise StorageError(f"{source}: is a folder, not a result file")
     try:
-        if isinstance(source, bytes):
-            yield _open(source, (0, 0))
-        else:
-            state = source.stat()
-            yield _open(source, (state.st_ino, state.st_mtime_ns))
+        with h5py.File(io.BytesIO(source) if isinstance(source, bytes) else source) as file:
+            _refuse_strangers(file, source)
+            yield file
     except _READ_ERRORS as error:
         if isinstance(error, PermissionError):
             raise StorageError(f"{_name_of(source)}: cannot be read: {reason(error)}") from None
         raise DamagedFileError(source, part, error) from error
 
 
-@functools.lru_cache(maxsize=1)
-def _open(source: Source, state: tuple[int, int]) -> h5py.File:
-    """An open file; the latest one stays open, until it is replaced or another is opened."""
-    if isinstance(source, Path) and source.is_dir():
-        raise StorageError(f"{source}: is a folder, not a result file")
-    file = h5py.File(
-        io.BytesIO(source) if isinstance(source, bytes) else source, "r", locking=False
-    )
+def _refuse_strangers(file: h5py.File, source: Source) -> None:
     root = {name: file.attrs[name] for name in file.attrs if name in ("creator", "format")}
     if root.get("creator") not in (CREATOR, CREATOR.encode()) or "format" not in root:
         raise StorageError(
-            f"{_name_of(source)}: was not written by fvi; it is left as it is: move it away, or choose "
-            "another name or --output"
+            f"{_name_of(source)}: was not written by fvi; it is left as it is: move it away, or "
+            "choose another name or --output"
         )
     if root["format"] != FORMAT:
         version = file.attrs.get("fvi_version", "another version")
         raise StorageError(OTHER_VERSION.format(path=_name_of(source), version=version))
-    return file
 
 
 def _name_of(source: Source) -> str:
     return "results in memory" if isinstance(source, bytes) else str(source)
-
-
-def close_latest() -> None:
-    """Close the file that was opened last: some systems cannot replace an open file."""
-    _open.cache_clear()
 
 
 class NewGroup:

@@ -71,7 +71,8 @@ def _variant(experiment: Experiment, template: str, keys: tuple[str, ...]) -> tu
     first = Run(experiment=experiment, method=experiment.methods[0], n_steps=1)
     settings = {key: one for key, one in first.settings().items() if key not in METHOD_KEYS}
     problem = without_values(_extracted(template, _first_keys(keys)), keys)
-    text = canonical_json({**settings, "problem": problem})
+    own = {"solver_version": SOLVER_VERSION, "problem": problem}
+    text = canonical_json({**settings, **own})
     return sha256(text)[:12], text
 
 

@@ -152,7 +152,7 @@ def _labels(run: Run) -> dict[str, Any]:
     """What is stored of a run besides its result."""
     labels: dict[str, Any] = {"identity": identity_of(run), "variant": variant_of(run)[0]}
     if run.member is not None:
-        labels |= {"number": run.member.number, "member": run.member.name}
+        labels |= {"number": run.member.number, "design": run.member.name}
         labels |= {key: _plain(value) for key, value in run.member.values.items()}
     return labels
 

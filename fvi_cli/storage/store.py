@@ -20,7 +20,13 @@ from fvi_cli.storage.fields import finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
 from fvi_cli.storage.fold import INDEX, Fold, run_groups
 from fvi_cli.storage.groups import BLOCK_BYTES, GroupRows
-from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, children, close_latest, opened
+from fvi_cli.storage.hdf5 import (
+    OTHER_VERSION,
+    DamagedFileError,
+    Source,
+    children,
+    opened,
+)
 from fvi_cli.storage.identity import identity_of, reference_identity_of
 from fvi_cli.storage.parts import (
     CONFIGURATION,
@@ -233,10 +239,8 @@ class Store:
                     if error.path not in parts:
                         raise
                     _logger.warning("%s", error)
-                    close_latest()
                     error.path.replace(error.path.with_suffix(".damaged"))
                     parts.remove(error.path)
-            close_latest()
             for path in parts:
                 path.unlink(missing_ok=True)
             self._remove_unfinished()

@@ -40,7 +40,7 @@ def test_a_run_and_what_is_stored_of_it(tmp_path):
         assert [run[key] for run in shown["runs"]] == [run[key] for run in made["runs"]]
     planned = document("run", *QUICK, "--dry-run", "--json", "-o", str(tmp_path))
     assert set(planned) | set(planned["runs"][0]) == promised("run --dry-run --json")
-    assert {run["reason"] for run in planned["runs"]} == {"stored"}
+    assert {run["action"] for run in planned["runs"]} == {"reuse"}
 
 
 REPORTS = {  # what each command is asked, a table of its document, and whether it can be checked

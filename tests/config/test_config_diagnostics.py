@@ -3,11 +3,12 @@
 import numpy as np
 import xarray
 from command_line import configuration
+from stored_runs import stored
 
 from fvi_cli.config import parse_config
 from fvi_cli.plotting.motions.time_series import balance_figure
-from fvi_cli.storage import open_results, read_results
-from fvi_cli.storage.digests import identity_of
+from fvi_cli.storage import Store
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies.study import study
 
 KEPLER = configuration(
@@ -23,19 +24,16 @@ DUFFING = "name: d\nproblem: {kind: duffing, final_time: 2.0}\nladder: {steps: [
 
 def kept(tmp_path, text):
     config = parse_config(text, "planet.yaml")
-    with open_results(tmp_path, "planet") as results:
-        for finished in study(config.experiments[0]):
-            results.add([finished])
-        results.consolidate(config)
+    stored(tmp_path / "planet.h5", list(study(config.experiments[0])))
     return config
 
 
 def test_diagnostics_come_back_as_they_were_computed(tmp_path):
     config = kept(tmp_path, KEPLER)
     (computed, plain) = study(config.experiments[0])
-    with read_results(tmp_path / "planet.h5") as stored:
-        found = stored.finished(computed.run).trajectory.diagnostics
-        assert stored.finished(plain.run).trajectory.diagnostics is None
+    read = stored(tmp_path / "planet.h5", [computed, plain]).read([computed.run, plain.run])
+    found = read[computed.run].trajectory.diagnostics
+    assert read[plain.run].trajectory.diagnostics is None
     points = np.append(np.arange(0, 64, 3), 64)
     for name in ("dissipated_work", "forcing_work", "energy_defect"):
         expected = getattr(computed.trajectory.diagnostics, name)[points]
@@ -81,9 +79,9 @@ def test_energy_that_the_damping_stores_is_kept(tmp_path):
     )
     config = kept(tmp_path, text)
     graded, backward = config.experiments[0].runs()
-    with read_results(tmp_path / "planet.h5") as results:
-        trajectory = results.finished(graded).trajectory
-        assert results.finished(backward).trajectory.diagnostics.stored_energy is None
+    results = Store(tmp_path / "planet.h5").read([graded, backward])
+    trajectory = results[graded].trajectory
+    assert results[backward].trajectory.diagnostics.stored_energy is None
     stored = trajectory.diagnostics.stored_energy
     assert stored[0] == 0 < stored.max()
     # the energy of the scene alone rises now and then: the damper gives back

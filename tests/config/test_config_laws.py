@@ -7,7 +7,7 @@ import yaml
 from fvi_cli.config import json_schema, parse_config
 from fvi_cli.effects.laws.cole_cole import ColeCole
 from fvi_cli.effects.scene import Scene
-from fvi_cli.storage.digests import identity_of
+from fvi_cli.storage.identity import identity_of
 
 CONFIG = """\
 name: laws

@@ -11,7 +11,7 @@ from fvi_cli.errors import ConfigError
 from fvi_cli.scenes.records import inputs
 from fvi_cli.scenes.records.inputs import numbers_of
 from fvi_cli.scenes.registry import build_problem
-from fvi_cli.storage.digests import identity_of
+from fvi_cli.storage.identity import identity_of
 
 CSV = "t,a,b\n0,0,1\n0.5,1,2\n1.0,-1e-1,3\n2,4,4\n"
 CONFIG = """\

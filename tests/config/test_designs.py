@@ -11,7 +11,7 @@ from command_line import fvi
 import fvi_cli as api
 from fvi_cli.config import parse_config
 from fvi_cli.reports.kinds.designs import design_sheet
-from fvi_cli.storage.digests import identity_of
+from fvi_cli.storage.identity import identity_of
 
 ZENER = "{storey: 1, law: zener, order: 0.6, time: 0.1, relaxed: 5.0, unrelaxed: 60.0}"
 TEXT = f"""\

@@ -76,7 +76,7 @@ def test_a_failure_while_saving_leaves_the_old_files_and_nothing_else(tmp_path, 
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     figure.suptitle("another")
     with monkeypatch.context() as patch:
-        patch.setattr("fvi_cli.storage.atomic.os.fsync", _no_space)
+        patch.setattr("fvi_cli.storage.files.os.fsync", _no_space)
         with pytest.raises(OSError, match="no space"):
             plotting.save_figure(figure, tmp_path, "sketch", ("svg", "png"))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before

@@ -15,10 +15,8 @@ from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
 from fvi_cli.reports.writers.text import to_text
-from fvi_cli.runner.executors.batches import batches_of
-from fvi_cli.runner.executors.execute import execute_job
-from fvi_cli.runner.executors.jobs import Job
 from fvi_cli.runner.outcome import Outcome
+from fvi_cli.runner.compute import run
 from fvi_cli.studies.order import tables_of_members
 
 TEXT = (
@@ -33,11 +31,8 @@ TWO_KEYS = ONE_KEY.replace("}", ", problem.stiffness: [0.5, 1, 2]}")
 
 
 def study_of(text):
-    experiment = parse_config(text, "many.yaml").experiments[0]
-    finished = [
-        one for batch in batches_of(experiment.runs()) for one in execute_job(Job(runs=batch))
-    ]
-    return experiment, finished
+    (outcome,) = run(parse_config(text, "many.yaml"))
+    return outcome.experiment, list(outcome.finished)
 
 
 @pytest.fixture(scope="module")

@@ -7,9 +7,10 @@ import sys
 from pathlib import Path
 
 from command_line import LADDER
+from stored_runs import kept_in
 
 import fvi_cli
-from fvi_cli.storage import read_results
+from fvi_cli.runner.request import load
 
 QUICK = LADDER.replace("48]", "48, 64, 96]")
 N_RUNS = 24
@@ -88,7 +89,8 @@ def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | No
     )
 
 
-def complete_runs(path: Path) -> set[str]:
-    """Runs in a file, which must be readable, and in the journal beside it."""
-    with read_results(path, may_be_missing=True) as store:
-        return {f"{one.kind.case} N={one.kind.n_steps}" for one in store.entries()}
+def complete_runs(path: Path, config: Path | str = "quick.yaml", **changes: str) -> int:
+    """How many runs of a configuration are in a file, which must be readable, and in its parts."""
+    overrides = [f"{key.replace('__', '.')}={value}" for key, value in changes.items()]
+    runs = [run for one in load(config, overrides=overrides).experiments for run in one.runs()]
+    return kept_in(path, runs)

@@ -1,101 +1,99 @@
-"""What happens to a command from outside: results that are finished survive it."""
+"""What happens to a command from outside: batches that are finished survive it."""
 
 import os
 import re
 import signal
+import time
 
 import pytest
 from command_line import fvi as here
-from commands import (
-    N_RUNS,
-    QUICK,
-    SLOW,
-    complete_runs,
-    confined,
-    first_finished,
-    started,
-)
+from commands import N_RUNS, QUICK, SLOW, complete_runs, confined, started
 from spread import spread
 
-from fvi_cli.runner.executors.execute import execute_job
-
-fcntl = pytest.importorskip("fcntl", reason="limits and locks of Unix")
-resource = pytest.importorskip("resource", reason="limits and locks of Unix")
-
+pytest.importorskip("fcntl", reason="limits and locks of Unix")
 pytestmark = pytest.mark.processes
 
 FILES = {"quick.yaml": QUICK, "slow.yaml": SLOW}
+FEW = ("--set", "ladder.steps=[8, 16]")
 
 
-# --- death ----------------------------------------------------------------------------------------
+def wait_for_parts(folder, count: int) -> None:
+    """Wait until a command has stored so many parts, its configuration among them."""
+    for _ in range(1200):
+        if len(list((folder / "results/quick.partial").glob("*.h5"))) >= count:
+            return
+        time.sleep(0.05)
+    raise AssertionError("no part")
 
 
-@pytest.mark.parametrize("options", [(), ("--workers", "2")])
-def test_killed_in_the_midst_it_loses_what_is_under_way(folder, options):
-    process = started(folder, "run", "slow.yaml", "-v", *options)
+@pytest.mark.parametrize("options", [(), ("-j", "2")])
+def test_a_killed_command_loses_what_is_under_way(folder, options):
+    process = started(folder, "run", "slow.yaml", *options)
     with process:
-        first_finished(process, 2)
+        wait_for_parts(folder, 2)
         process.kill()
-    # the last one that was told may not have been flushed
-    kept = len(complete_runs(folder / "results" / "quick.h5"))
-    assert kept >= 1
-    again = here("run", "slow.yaml", "--set", "ladder.steps=[8, 16, 24]", code=0)
-    assert f"quick: 3 runs, {kept} of them stored" in again.stderr
-    assert len(complete_runs(folder / "results" / "quick.h5")) == 3
+    assert complete_runs(folder / "results/quick.h5", "slow.yaml") == 2
+    # any command finds the runs
+    assert here("show", "results/quick.h5", code=0).stdout.count(" ok ") == 2
+    again = here("run", "slow.yaml", *FEW, code=0)
+    assert "quick: 2 runs, 2 of them stored" in again.stderr
 
 
-@spread(number=[signal.SIGINT, signal.SIGTERM], options=[(), ("--workers", "2")])
-def test_interrupted_it_stores_what_is_finished_and_exits_130(folder, number, options):
-    process = started(folder, "run", "slow.yaml", "-v", *options)
+@spread(number=[signal.SIGINT, signal.SIGTERM], options=[(), ("-j", "2")])
+def test_an_interrupted_command_keeps_what_is_finished_and_exits_130(folder, number, options):
+    process = started(folder, "run", "slow.yaml", *options)
     with process:
-        first_finished(process, 2)
+        wait_for_parts(folder, 2)
         process.send_signal(number)
         rest = process.stderr.read()
         assert process.stdout.read() == ""
     assert process.returncode == 130
     assert "interrupted" in rest
     assert "Traceback" not in rest
-    # consolidated, and no part left
+    # folded, and no part left
     assert sorted(p.name for p in (folder / "results").iterdir()) == [".quick.h5.lock", "quick.h5"]
-    assert len(complete_runs(folder / "results" / "quick.h5")) == 2
     rows = here("run", "slow.yaml", "--dry-run").stdout.splitlines()[1:]
     assert [("reuse" in row) for row in rows] == [True, True, False]
 
 
-def dies_of_64(job, references):
-    """No process survives BDF2 with N = 64."""
-    if any(run.n_steps == 64 and run.method.cq == "bdf2" for run in job.runs):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return execute_job(job, references)
+DYING = """
+import os, sys
+from fvi_cli.runner import work
+usual = work.compute
+def compute(batch):
+    if any(run.n_steps == 9001 for run in batch.runs):
+        os._exit(3)
+    return usual(batch)
+work.compute = compute
+"""
 
 
-def test_a_run_that_no_worker_survives_is_reported_and_computed_the_next_time(folder, monkeypatch):
-    monkeypatch.setattr("fvi_cli.runner.compute.execute_job", dies_of_64)
-    result = here("run", "quick.yaml", "--workers", "2", code=1)
-    failed = [row.split() for row in result.stdout.splitlines() if "failed" in row]
-    assert [row[1:4] for row in failed] == [["BDF2", "(nodes)", "64"]]
-    assert "ended by SIGKILL (out of memory?), 2 times" in result.stderr
-    assert len(complete_runs(folder / "results" / "quick.h5")) == N_RUNS - 1
+def test_a_worker_that_dies_costs_its_own_batch(folder, monkeypatch):
+    (folder / "sitecustomize.py").write_text(DYING)
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    steps = ("--set", "ladder.steps=[5000, 5001, 5002, 9001, 5003, 5004]", "--set", "method.bdf=2")
+    with started(folder, "run", "quick.yaml", "-j", "2", *steps) as process:
+        out, err = process.communicate()
+    assert process.returncode == 1
+    assert "the process that computed it ended twice (out of memory?)" in err
+    assert "Traceback" not in err
+    assert [row.split()[3] for row in out.splitlines() if "failed" in row] == ["9001"]
     monkeypatch.undo()
-    monkeypatch.chdir(folder)
-    again = here("run", "quick.yaml", code=0)
-    assert f"{N_RUNS} runs, {N_RUNS - 1} of them stored" in again.stderr
-    assert "failed" not in again.stdout
+    os.chdir(folder)
+    again = here("run", "quick.yaml", *steps, code=0)
+    assert "6 runs, 5 of them stored" in again.stderr
 
-
-# --- places that refuse ---------------------------------------------------------------------------
 
 CRAMPED = """
 mkdir disk
 mount -t tmpfs -o size=80k tmpfs disk
 cp before.h5 disk/quick.h5
 set +e
-$FVI run quick.yaml --output disk -q
+$FVI run quick.yaml --set ladder.steps='[4, 3000, 4096]' --output disk -q
 echo "code $?"
 cmp disk/quick.h5 before.h5 && echo "as it was"
 set -e
-cp disk/quick.journal before.journal
-test -z "$(ls -A disk | grep part$ || true)"
+test -z "$(find disk -name '*.tmp')"
 mount -o remount,size=64m tmpfs disk
 $FVI run quick.yaml --output disk
 cp disk/quick.h5 after.h5
@@ -113,37 +111,32 @@ def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder)
     assert re.search(r"^fvi: .*cannot be written: No space left on device", done.stderr, re.M)
     assert "code 2" in done.stdout
     assert "as it was" in done.stdout
-    stored = len(complete_runs(folder / "before.h5"))
-    assert 3 < stored < N_RUNS
-    # those in the file and those in the journal are not computed again
-    assert f"quick: {N_RUNS} runs, {stored} of them stored" in done.stderr
-    assert len(complete_runs(folder / "after.h5")) == N_RUNS
+    assert complete_runs(folder / "after.h5") == N_RUNS
 
 
-# --- two at a time --------------------------------------------------------------------------------
+MANY = """\
+name: many
+problem: {kind: damped-oscillator, initial: {position: 1.0}, final_time: 1.0, exact: none}
+method: {rk: gauss, degree: 2}
+ladder: {steps: [64]}
+sweep: {problem.stiffness: {from: 1.0, to: 4.0, number: 400}}
+"""
 
 
-def test_two_commands_on_one_file_do_not_meet(folder):
-    first = started(folder, "run", "slow.yaml", "-v")
-    with first:
-        first_finished(first)
-        second = here("run", "quick.yaml", code=2)
-        assert second.stderr == (
-            "fvi: results/quick.h5: another fvi is writing it; wait until it has ended, "
-            "or choose another folder with --output\n"
-        )
-        assert second.stdout == ""
-        # neither looking nor another folder is forbidden, nor another file of the same folder
-        here("run", "quick.yaml", "--dry-run", code=0)
-        here("run", "quick.yaml", "--output", "other", "-q", code=0)
-        (folder / "beside.yaml").write_text(QUICK.replace("name: quick", "name: beside"))
-        here("run", "beside.yaml", "-q", code=0)
-        assert len(complete_runs(folder / "results" / "beside.h5")) == N_RUNS
-        first.kill()
-    here("run", "quick.yaml", code=0)
-
-
-# --- memory ---------------------------------------------------------------------------------------
+def test_two_commands_and_shards_share_the_work(folder):
+    (folder / "many.yaml").write_text(MANY)
+    with (
+        started(folder, "run", "many.yaml") as first,
+        started(folder, "run", "many.yaml") as second,
+    ):
+        assert first.wait() == second.wait() == 0
+    assert complete_runs(folder / "results/many.h5", "many.yaml") == 400
+    for number in (1, 2, 3):
+        here("run", "many.yaml", "-q", "-o", "parts", "--shard", f"{number}/3", code=0)
+        assert not (folder / "parts/many.h5").exists()
+    again = here("run", "many.yaml", "-o", "parts", code=0)
+    assert "many: 400 runs, 400 of them stored" in again.stderr
+    assert not (folder / "parts/many.partial").exists()
 
 
 def test_runs_for_which_there_is_no_memory_are_refused_before_anything_is_computed(folder):

@@ -1,179 +1,188 @@
-"""Batches computed here and in other processes are the same batches; who dies is replaced."""
+"""Batches in other processes are the same batches; every reference is found once."""
 
-import functools
-import multiprocessing
-import os
-import signal
-from pathlib import Path
+import contextlib
+import re
+import socket
 
 import numpy as np
 import pytest
+from command_line import MANY, configuration, fvi
+from stored_runs import assert_same
 
-from fvi_cli.integrator.method import Method
-from fvi_cli.runner.executors.execute import execute_job
-from fvi_cli.runner.executors.executor import InProcess
-from fvi_cli.runner.executors.jobs import Job
-from fvi_cli.runner.executors.processes import LocalProcesses
-from fvi_cli.scenes.registry import build_problem
-from fvi_cli.studies.experiment import Experiment
+import fvi_cli as api
+from fvi_cli.config import parse_config
+from fvi_cli.errors import ExecutorError, RequestError
+from fvi_cli.runner import executor, work
+from fvi_cli.runner.work import batches_of, compute, compute_packed, one_by_one_words, packed
+from fvi_cli.studies.study import execute
 
-pytestmark = pytest.mark.processes
-
-
-def experiment(**changes):
-    specification = {
-        "kind": "bagley-torvik",
-        "damping": [{"order": 1.5, "coefficient": 1.0}],
-        "forcing": "15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5",
-        "final_time": 1.0,
-        "exact": "t**2.5",
-        **changes,
-    }
-    return Experiment(
-        name="quick",
-        problem=build_problem(specification),
-        problem_specification=specification,
-        methods=tuple(Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2)),
-        steps=(4, 8, 16),
-    )
-
-
-def numbers(batches):
-    return {
-        (f.run.method.case, f.run.n_steps): (f.error, f.status, f.trajectory.position.tolist())
-        for batch in batches
-        for f in batch.finished
-    }
+OSCILLATORS = (
+    MANY
+    + """\
+method: [{rk: gauss, degree: 2}, {bdf: 2, sampling: nodes}]
+ladder: {steps: [16, 32]}
+sweep: {problem.damping.0.order: [0.5, 1.5], problem.stiffness: [1, 2, 3]}
+"""
+)
+PENDULUMS = configuration(
+    "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
+    "final_time: 2.0",
+    name="many",
+    steps="16, 32",
+    more="sweep: {problem.initial.position: [0.5, 1.0, 2.0], problem.omega: [1, 2]}\n"
+    "quantities: {speed: vx}\nevents: {turn: vx}\n",
+)
+TIMED = ("run", "failure", "steps", "setup_seconds", "stepping_seconds")
 
 
-def jobs_by_method(runs):
-    return [Job(runs=tuple(run for run in runs if run.method.cq == f"bdf{p}")) for p in (1, 2)]
+def load(text, *overrides):
+    return parse_config(text, "many.yaml", overrides=overrides)
 
 
-def singles(runs):
-    return [Job(runs=(run,)) for run in runs]
-
-
-TWO = LocalProcesses(workers=2)
-
-
-@pytest.mark.parametrize("forked_on", [(), ("linux",)])
-def test_several_processes_give_the_same_numbers_to_the_last_bit(monkeypatch, forked_on):
-    monkeypatch.setattr("fvi_cli.runner.executors.processes._FORKED_ON", forked_on)
-    runs = experiment().runs()
-    jobs = jobs_by_method(runs)
-    here = list(InProcess().compute(jobs, execute_job))
-    there = list(TWO.compute(jobs, execute_job))
-    assert numbers(here) == numbers(there)
-    assert len(numbers(here)) == 6
-    # a batch comes back whole, in its order, with the very runs that were handed in
-    for answers in (here, there):
-        assert {tuple(id(f.run) for f in batch.finished) for batch in answers} == {
-            tuple(id(run) for run in job.runs) for job in jobs
-        }
-        assert not any(batch.lost for batch in answers)
-    # control: another problem gives other numbers
-    other = singles(experiment(stiffness=2.0, exact="auto").runs())
-    assert numbers(InProcess().compute(other, execute_job)) != numbers(here)
-
-
-def test_one_process_computes_when_asked_and_in_order():
-    jobs = jobs_by_method(experiment().runs())
-    computed = []
-
-    def compute(job, references):
-        computed.append(job)
-        return execute_job(job, references)
-
-    stream = InProcess().compute(jobs, compute)
-    assert computed == []
-    first = next(stream)
-    assert computed == jobs[:1]
-    assert [f.run for f in first.finished] == list(jobs[0].runs)
-    stream.close()
-    assert computed == jobs[:1]
-
-
-class AwkwardError(Exception):
-    """Cannot be made again from what pickle keeps of it."""
-
-    def __init__(self, one, two):
-        super().__init__(f"{one} and {two}")
-
-
-def awkward_at_sixteen(job, references):
-    if any(run.n_steps == 16 for run in job.runs):
-        raise AwkwardError("this", "that")
-    return execute_job(job, references)
-
-
-@pytest.mark.parametrize("executor", [InProcess(), TWO])
-def test_an_exception_is_the_result_of_the_run_that_raises_it(executor, caplog):
-    """Be it alone or together with others; what does not travel is told in words."""
-    runs = experiment().runs()
-    jobs = [Job(runs=tuple(runs[:3])), *singles(runs[3:])]
-    assert 16 in {run.n_steps for run in jobs[0].runs}
-    answers = list(executor.compute(jobs, awkward_at_sixteen))
-    # processes do not write into the log of this one
-    assert ("3 runs are computed one by one" in caplog.text) == isinstance(executor, InProcess)
-    finished = [f for batch in answers for f in batch.finished]
-    assert len(finished) == len(runs)
-    assert {f.run.n_steps for f in finished if f.status == "failed"} == {16}
-    kept = [f for batch in answers for f in batch.stored]
-    assert {f.status for f in kept} == {"ok"}
-    assert len(kept) == len(runs) - 2
-    for message in {f.trajectory.message for f in finished if f.status == "failed"}:
-        assert message.startswith("unexpected AwkwardError")
-        assert "this and that; this is a mistake of the program, please report it" in message
-
-
-@pytest.mark.parametrize("workers", [0, -1])
-def test_the_number_of_workers_is_checked(workers):
-    with pytest.raises(ValueError, match=f"workers: {workers} is not allowed"):
-        LocalProcesses(workers=workers)
-
-
-# --- processes that die ---------------------------------------------------------------------------
-
-
-def dies_of_sixteen(job, references):
-    """No process survives N = 16."""
-    if any(run.n_steps == 16 for run in job.runs):
-        os.kill(os.getpid(), signal.SIGKILL)
-    return execute_job(job, references)
-
-
-def dies_once_of_sixteen(job, references, folder):
-    """The first process that meets N = 16 of a method dies, the next one does not."""
-    for run in job.runs:
-        mark = Path(folder) / f"{run.method.case}-{run.n_steps}"
-        if run.n_steps == 16 and not mark.exists():
-            mark.touch()
-            os.kill(os.getpid(), signal.SIGKILL)
-    return execute_job(job, references)
-
-
-def test_a_batch_whose_process_died_is_computed_once_more(tmp_path):
-    compute = functools.partial(dies_once_of_sixteen, folder=str(tmp_path))
-    jobs = singles(experiment().runs())
-    answers = list(TWO.compute(jobs, compute))
-    assert len(list(tmp_path.iterdir())) == 2  # both have died once
-    assert not any(batch.lost for batch in answers)
-    here = InProcess().compute(jobs, execute_job)
-    assert numbers(answers) == numbers(here)
-
-
-def test_a_batch_of_which_every_process_dies_is_reported_and_the_others_go_on():
-    jobs = singles(experiment().runs())
-    answers = list(TWO.compute(jobs, dies_of_sixteen))
-    assert len(answers) == 6
-    lost = [batch for batch in answers if batch.lost]
-    assert [f.run.n_steps for batch in lost for f in batch.finished] == [16, 16]
-    for (finished,) in (batch.finished for batch in lost):
-        assert finished.status == "failed"
-        assert np.isnan(finished.error)
-        assert finished.trajectory.message == (
-            "the process that computed it was ended by SIGKILL (out of memory?), 2 times"
+@pytest.mark.parametrize("text", [OSCILLATORS, PENDULUMS])
+def test_a_batch_gives_what_every_run_gives_alone(text):
+    runs = load(text).experiments[0].runs()
+    (first, *others) = batches_of(runs)
+    assert len(first.runs) == 6
+    assert sorted(map(id, runs)) == sorted(id(one) for b in (first, *others) for one in b.runs)
+    (outcome,) = api.run(load(text))
+    for run, one in zip(first.runs, outcome.finished, strict=False):
+        alone = execute(run)
+        scale = np.abs(alone.trajectory.position).max()
+        np.testing.assert_allclose(
+            one.trajectory.position, alone.trajectory.position, rtol=0, atol=1e-12 * scale
         )
-    assert {f.status for b in answers if not b.lost for f in b.finished} == {"ok"}
-    assert not multiprocessing.active_children()
+        assert one.error == pytest.approx(alone.error, rel=1e-6, abs=1e-11)
+        assert (one.status, one.predicted) == (alone.status, alone.predicted)
+        assert (one.reference, one.expected_order) == (alone.reference, alone.expected_order)
+    # control: members differ from each other
+    assert len({float(one.trajectory.position[-1, 0]) for one in outcome.finished}) == len(runs)
+
+
+def test_a_batch_that_was_sent_gives_the_same_bits():
+    (loaded,) = load(PENDULUMS).experiments
+    (first, *_) = batches_of(loaded.runs())
+    here, there = compute(first), compute_packed(packed(first))
+    assert len(here.part) == len(there.part)
+    with pytest.raises(ExecutorError, match="install the same everywhere"):
+        compute_packed(("fvi 0.3", packed(first)[1]))
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("text", [OSCILLATORS, PENDULUMS])
+def test_processes_give_the_same_runs(text):
+    (here,), (there,) = api.run(load(text)), api.run(load(text), workers=2)
+    for one, other in zip(here.finished, there.finished, strict=True):
+        assert_same(one, other, TIMED)
+
+
+@pytest.mark.parametrize(
+    ("more", "reason"),
+    [
+        ("impacts: {floor: {when: x + 2}}\n", "impacts"),
+        ("store: {diagnostics: [energy-balance]}\n", "diagnostics"),
+        ("accuracy: {tolerance: 1e-3}\n", "tolerance"),
+        ("", ""),
+    ],
+)
+def test_a_line_says_why_members_are_no_batch(more, reason, caplog):
+    text = OSCILLATORS.replace(", {bdf: 2, sampling: nodes}", "").replace("[{rk", "[{rk")
+    if "accuracy" in more:
+        text = "".join(
+            one for one in text.splitlines(keepends=True) if one[:6] not in ("method", "ladder")
+        )
+    words = one_by_one_words(load(text + more).experiments[0])
+    assert reason in words
+    assert bool(words) == bool(reason)
+
+
+def test_a_mistake_of_the_program_costs_its_own_run(monkeypatch, tmp_path):
+    usual = work.execute_batch
+
+    def mistaken(runs, *arguments, **options):
+        if any(run.member.number == 2 for run in runs):
+            raise ZeroDivisionError("made up")
+        return usual(runs, *arguments, **options)
+
+    monkeypatch.setattr(work, "execute_batch", mistaken)
+    (outcome,) = api.run(load(OSCILLATORS), output=tmp_path)
+    failed = [one for one in outcome.finished if one.status == "failed"]
+    assert {one.run.member.number for one in failed} == {2}
+    assert "unexpected ZeroDivisionError" in failed[0].trajectory.message
+    monkeypatch.undo()
+    # it is not stored
+    (again,) = api.run(load(OSCILLATORS), output=tmp_path)
+    assert not [one for one in again.finished if one.status == "failed"]
+
+
+def test_references_are_found_once_and_stored(monkeypatch, tmp_path):
+    usual, found = work.refined_references, []
+
+    def noted(runs):
+        found.extend(runs)
+        return usual(runs)
+
+    monkeypatch.setattr(work, "refined_references", noted)
+    (first,) = api.run(load(PENDULUMS), output=tmp_path)
+    assert len(found) == 6
+    # they serve further methods, and reading computes none
+    api.run(load(PENDULUMS, "method.degree=[2, 3]"), output=tmp_path)
+    assert len(found) == 6
+    monkeypatch.setattr(work, "compute", None)
+    (again,) = api.recall(tmp_path / "many.h5", overrides=["method.degree=2"])
+    for one, other in zip(first.finished, again.finished, strict=True):
+        assert_same(one, other)
+
+
+def test_a_stored_file_is_drawn_without_a_reference_run(monkeypatch, tmp_path):
+    text = configuration("kind: pendulum, initial: {position: 1.0}, final_time: 2.0", name="many")
+    api.run(load(text + "figures: [error]\n"), output=tmp_path)
+    (outcome,) = api.recall(tmp_path / "many.h5")
+    monkeypatch.setattr("fvi_cli.studies.reference._refined", None)
+    assert outcome.plot("error") is not None
+
+
+def test_a_run_says_that_its_error_is_not_known_where_the_reference_ends_early():
+    """x'' = x^3 from 1 with the velocity 1 is infinite at t = 1.31."""
+    for final_time, count in ((1.0, 0), (1.5, 1)):
+        text = configuration(
+            "kind: lagrangian, coordinates: [x], lagrangian: vx**2/2 + x**4/4, "
+            f"initial: {{position: 1.0, velocity: 1.0}}, final_time: {final_time}",
+            method="{rk: gauss, degree: 1}",
+            steps="3",
+        )
+        ((finished,),) = (one.finished for one in api.run(parse_config(text, "up.yaml")))
+        said = [one for one in finished.trajectory.remarks if "error: not known" in one]
+        assert len(said) == count
+
+
+# --- Dask -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.processes
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_cluster_gives_what_the_command_computes_here(tmp_path):
+    from distributed import LocalCluster
+
+    def run(folder, *options):
+        few = ("--set", "ladder.steps=[4, 8]", "-q", "--output", str(tmp_path / folder))
+        return fvi("run", "bagley-torvik-1-2", *few, *options, code=0).stdout.splitlines()[:-1]
+
+    made = LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50)
+    with contextlib.closing(made) as cluster:
+        there = run("there", "--dask", cluster.scheduler_address)
+    assert there == run("here")
+    assert len(there) > 4
+
+
+@pytest.mark.processes
+def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
+    monkeypatch.setattr(executor, "CONNECTION_SECONDS", 0.5)
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
+    with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
+        api.run(load(OSCILLATORS), dask=address)
+    for wrong in ("nonsense://1", address):
+        with pytest.raises(RequestError, match="--dask"):
+            api.run(load(OSCILLATORS), dask=wrong, workers=2)

@@ -10,7 +10,7 @@ import pytest
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import graded_mesh
-from fvi_cli.storage.digests import identity_of
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from spread import spread
+from stored_runs import read_back
 
 from fvi_cli.config import load_config
-from fvi_cli.storage.records.runs import finished_of, stored_record
 from fvi_cli.studies import study
 from fvi_cli.studies.norms import point_weights
 from fvi_cli.studies.study import execute
@@ -52,12 +52,11 @@ def test_long_runs_have_the_errors_of_the_kept_points(tmp_path, norm, monkeypatc
     expected = {"max": error.max(), "final": error[-1], "l2": np.sqrt((weights * error**2).sum())}
     assert thin.error == pytest.approx(expected[norm], rel=1e-12)
     # what is stored is thinned once, whoever did it
-    records = [stored_record(finished) for finished in (whole, thin)]
-    for record in records:
-        assert record.arrays["time"].size == 4
-    assert np.allclose(records[0].arrays["position"], records[1].arrays["position"], atol=1e-13)
-    again = stored_record(finished_of(records[1], thin.run))
-    assert np.array_equal(again.arrays["time"], records[1].arrays["time"])
+    first, second = (read_back(None, finished).trajectory for finished in (whole, thin))
+    assert first.time.size == second.time.size == 4
+    assert np.allclose(first.position, second.position, atol=1e-13)
+    again = read_back(None, read_back(None, thin)).trajectory
+    assert np.array_equal(again.time, second.time)
 
 
 @spread(norm=["max", "final", "l2"], every=[7, 100, 1000], steps=["[30]", "[250]", "[999]"])
@@ -66,7 +65,7 @@ def test_errors_do_not_depend_on_what_is_stored(tmp_path, norm, every, steps):
     thin = [execute(run) for run in runs_of(tmp_path, norm, every, steps)]
     assert [one.error for one in thin] == pytest.approx(whole, rel=1e-12)
     count = thin[0].run.n_steps
-    assert stored_record(thin[0]).arrays["time"].size == 1 + -(-count // every)
+    assert read_back(None, thin[0]).trajectory.time.size == 1 + -(-count // every)
 
 
 MEMBERS = """\
