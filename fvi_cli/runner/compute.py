@@ -153,7 +153,10 @@ class _Task:
             self.store.describe(loaded.text, loaded.resolved, loaded.overrides)
         missing = self._missing()
         _log_waiting(self.request.name, self.runs, missing)
-        batches = batches_of(missing)[number - 1 :: count]
+        waiting = set(missing)
+        # all runs are divided, so that the parts of one shard do not depend on those of others
+        shared = ([run for run in one.runs if run in waiting] for one in batches_of(self.runs))
+        batches = [Batch(runs=tuple(one)) for one in [*shared][number - 1 :: count] if one]
         own = [run for batch in batches for run in batch.runs]
         references = [
             batch

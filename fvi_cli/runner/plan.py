@@ -55,8 +55,9 @@ def plan(
     runs = [run for one in request.loaded.experiments for run in one.runs()]
     is_read = request.stored is not None
     missing = [run for run in runs if not store.has(identity_of(run)) or (fresh and not is_read)]
-    batches = [] if is_read else batches_of(missing)[number - 1 :: count]
-    own, others = {run for batch in batches for run in batch.runs}, set(missing)
+    batches = [] if is_read else batches_of(runs)[number - 1 :: count]
+    others = set(missing)
+    own = others & {run for batch in batches for run in batch.runs}
     return [
         PlannedRun(
             run=run,

@@ -124,8 +124,6 @@ def one_by_one_words(experiment: Experiment) -> str:
         reason = "a tolerance chooses steps for each"
     elif experiment.observations.impacts:
         reason = "impacts cut the steps of each"
-    elif not experiment.diagnostics.is_empty:
-        reason = "store.diagnostics replays each"
     elif experiment.grading != 1.0:
         reason = "graded meshes are made for each"
     elif all(

@@ -15,8 +15,8 @@ from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
 from fvi_cli.reports.writers.text import to_text
-from fvi_cli.runner.outcome import Outcome
 from fvi_cli.runner.compute import run
+from fvi_cli.runner.outcome import Outcome
 from fvi_cli.studies.order import tables_of_members
 
 TEXT = (

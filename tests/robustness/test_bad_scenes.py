@@ -54,7 +54,7 @@ def test_what_happens_on_the_way_is_told_with_step_and_time(folder, text, place)
     with h5py.File(folder / "results" / "bad.h5") as file:
         (case,) = (group for name, group in file["bad"].items())
         run = case["n000016"]
-        assert run.attrs["status"] == "failed"
+        assert run.attrs["status"] == b"failed"
         # what was finished before is there
         assert run["time"].size >= 2
 
@@ -82,4 +82,4 @@ experiments:
     assert [(row[0], row[5]) for row in rows] == [("good", "ok"), ("bad", "failed")]
     with h5py.File(folder / "results" / "both.h5") as file:
         (case,) = file["good"].values()
-        assert case["n000008"].attrs["status"] in ("ok", "floor")
+        assert case["n000008"].attrs["status"] in (b"ok", b"floor")

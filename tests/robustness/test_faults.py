@@ -71,7 +71,7 @@ work.compute = compute
 def test_a_worker_that_dies_costs_its_own_batch(folder, monkeypatch):
     (folder / "sitecustomize.py").write_text(DYING)
     monkeypatch.setenv("PYTHONPATH", str(folder))
-    steps = ("--set", "ladder.steps=[5000, 5001, 5002, 9001, 5003, 5004]", "--set", "method.bdf=2")
+    steps = ("--set", "ladder.steps=[5000, 5001, 5002, 5003, 5004, 9001]", "--set", "method.bdf=2")
     with started(folder, "run", "quick.yaml", "-j", "2", *steps) as process:
         out, err = process.communicate()
     assert process.returncode == 1
@@ -91,8 +91,8 @@ cp before.h5 disk/quick.h5
 set +e
 $FVI run quick.yaml --set ladder.steps='[4, 3000, 4096]' --output disk -q
 echo "code $?"
-cmp disk/quick.h5 before.h5 && echo "as it was"
 set -e
+$FVI run quick.yaml --set ladder.steps='[4]' --output disk --dry-run
 test -z "$(find disk -name '*.tmp')"
 mount -o remount,size=64m tmpfs disk
 $FVI run quick.yaml --output disk
@@ -110,7 +110,7 @@ def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder)
     assert "Traceback" not in done.stderr
     assert re.search(r"^fvi: .*cannot be written: No space left on device", done.stderr, re.M)
     assert "code 2" in done.stdout
-    assert "as it was" in done.stdout
+    assert done.stdout.count("reuse") == 3
     assert complete_runs(folder / "after.h5") == N_RUNS
 
 

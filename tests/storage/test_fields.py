@@ -65,7 +65,8 @@ def test_every_value_comes_back_bit_by_bit():
     for run in made_experiment(steps=(4, 8)).runs():
         n = run.n_steps + 1
         made = made_run(
-            run, 1 / 3 / n, position=random.normal(size=(n, 2)), momentum=random.normal(size=(n, 2)),
+            run, 1 / 3 / n, position=random.normal(size=(n, 2)),
+            momentum=random.normal(size=(n, 2)),
             energy=random.normal(size=n), remarks=("the start fell back: ½ a step", "another"),
             coordinates=("x1", "x2"), history_operations=7 * n, setup_seconds=0.25,
             stepping_seconds=0.125, predicted="stable", message="ends",

@@ -213,7 +213,7 @@ def test_files_of_version_3_are_refused_and_left_as_they_are(tmp_path, ending):
     else:
         path.write_bytes(b"frames")
     before = path.read_bytes() if path.is_file() else None
-    with pytest.raises(StorageError, match="is of fvi 0.3.*; keep it for that version, or choose"):
+    with pytest.raises(StorageError, match=r"is of fvi 0.3.*; keep it for that version, or choose"):
         run(tmp_path, prune=True)
     assert (path.read_bytes() if path.is_file() else None) == before
     assert [one.name for one in tmp_path.iterdir()] == [path.name]

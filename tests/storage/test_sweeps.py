@@ -110,7 +110,7 @@ def test_members_with_break_points_of_their_own_keep_their_times(tmp_path):
     text = (
         "name: many\nproblem: {kind: duffing, final_time: 2.0, initial: {position: 1.0}, "
         "forcing: {pieces: [{until: 0.5, value: 1}, {value: 0}]}}\n"
-        "method: {rk: gauss, degree: 2, start: none}\nladder: {steps: [8]}\n"
+        "method: {rk: gauss, degree: 2, start: none}\nladder: {steps: [8], grading: 2}\n"
         "sweep: {problem.forcing.pieces.0.until: [0.5, 0.6]}\n"
     )
     found = keep(tmp_path, text).finished
