@@ -14,8 +14,8 @@ from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.frame import longest_in_batch
 from fvi_cli.integrator.integrate import check_counts, integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.meshes.graded import start_power
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method, as_method
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.tables import step_tables

@@ -11,9 +11,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.members import integrate_members
-from fvi_cli.integrator.meshes.samples import sample_forces
+from fvi_cli.integrator.meshes.looks import is_steep
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -244,11 +243,9 @@ def _in_words(error: float, scale: float) -> str:
 
 def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
-    scale, samples = likely_amplitude(scene) or 1.0, sample_forces(scene)
-    is_rough = SceneForces(scene).is_steep
-    better, worse = (
-        AdaptiveRuns(scene, degree, samples=samples, most_steps=MOST_STEPS) for degree in (8, 10)
-    )
+    scale = likely_amplitude(scene) or 1.0
+    is_rough = is_steep(scene)
+    better, worse = (AdaptiveRuns(scene, degree, most_steps=MOST_STEPS) for degree in (8, 10))
     for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
         runs = [better.run(tolerance * scale), worse.run(3.0 * tolerance * scale)]
         if is_rough:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair

@@ -15,8 +15,8 @@ from spread import SEED
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.meshes.mesh import graded_mesh
-from fvi_cli.integrator.meshes.singular_start import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.studies.order import fit_slope

@@ -10,14 +10,18 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.break_points import ON_GRID, steps_at_break_points
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
-from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps
+from fvi_cli.integrator.meshes.graded import graded_start_mesh, start_power
+from fvi_cli.integrator.meshes.mesh import (
+    ON_GRID,
+    Mesh,
+    misplaced_break_point,
+    place_breaks,
+    uniform_mesh,
+)
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
+from fvi_cli.integrator.run.adaptive import AdaptiveSource, step_controller
 from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, has_rough_momenta, trajectory_of
@@ -44,7 +48,9 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
         )
     if not method.is_runge_kutta:
         # all steps are equal: break points between two of them are refused
-        steps_at_break_points(scene, n_steps)
+        misplaced = misplaced_break_point(scene.break_points, scene.final_time, n_steps)
+        if misplaced:
+            raise ValueError(f"n_steps: {n_steps} puts {misplaced}")
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
@@ -120,7 +126,7 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
     if scene.lagrangian is not None:
         raise ValueError("start: weights are not made for a general Lagrangian; use none")
     h = scene.final_time / mesh.n_steps
-    fresh = {0, *steps_at_break_points(scene, mesh.n_steps)}
+    fresh = {0, *place_breaks(mesh.times, scene.break_points)}
 
     def first_samples(loads: Array, n_steps: int) -> Array:
         state = engine.start()
@@ -194,4 +200,4 @@ def integrate_scenes(
 def _check_mesh(mesh: Mesh, scene: Scene) -> None:
     if not math.isclose(mesh.final_time, scene.final_time, rel_tol=1e-12):
         raise ValueError(f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}")
-    mesh.check_breaks(scene.break_points)
+    place_breaks(mesh.times, scene.break_points)

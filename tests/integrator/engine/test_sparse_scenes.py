@@ -22,7 +22,7 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.reach import find_damper_forms
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import mesh_for, prepare
 from fvi_cli.integrator.stability.prediction import predict_stability

@@ -22,7 +22,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory
 from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.kernel import power_kernel
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.lagrangian import lagrangian_scene
