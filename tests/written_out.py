@@ -20,7 +20,7 @@ import numpy as np
 from runge_kutta_symbol import ButcherTableau, symbol_power, tableau
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.memory import lags
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method

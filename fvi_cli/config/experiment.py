@@ -302,6 +302,11 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
         from fvi_cli.integrator.baselines import baseline_objection
 
         return baseline_objection(problem.scene, method)
-    if problem.scene.lagrangian is not None and method.start == "weights":
-        return "start: weights need a constant mass matrix; use none"
+    if method.start == "weights":
+        if problem.scene.lagrangian is not None:
+            return "start: weights need a constant mass matrix; use none"
+        # import only for experiments with weights, since it takes long
+        from fvi_cli.integrator.starting_weights import weights_objection
+
+        return weights_objection(method)
     return ""

@@ -15,7 +15,7 @@ import fvi_cli
 
 UNKNOWN = "unknown"
 
-_LIBRARIES = ("numpy", "scipy", "mpmath")
+_LIBRARIES = ("numpy", "scipy")
 _PACKAGES = (*_LIBRARIES, "h5py", "PyYAML", "matplotlib")
 _GIT_SECONDS = 10.0
 _PACKAGE = Path(fvi_cli.__file__).resolve().parent
@@ -35,7 +35,7 @@ def package_versions() -> dict[str, str]:
 
 
 def libraries() -> str:
-    """The libraries that compute: ``numpy 2.4.1, scipy 1.17.0, mpmath 1.3.0``."""
+    """The libraries that compute: ``numpy 2.4.1, scipy 1.17.0``."""
     versions = package_versions()
     return ", ".join(f"{name} {versions[name]}" for name in _LIBRARIES)
 

@@ -10,7 +10,7 @@ from spread import spread
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.lagrange import lobatto_basis

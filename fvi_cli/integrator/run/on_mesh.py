@@ -102,29 +102,28 @@ def prepare(
         For starting weights with a general Lagrangian, and as for :func:`engine_for`.
     """
     engine = engine or engine_for(scenes, method, steps, most=most)
-    mesh, remarks = None, tuple[str, ...]()
+    mesh = None
     source: Source
     if isinstance(steps, Mesh):
         mesh, source = steps, MeshSource(steps)
     else:
         source = AdaptiveSource(scenes[0], method, steps)
     if mesh and method.start == "weights" and scenes[0].active_damping:
-        remarks = _add_starting_weights(engine, mesh)
+        _add_starting_weights(engine, mesh)
     recorder = Recorder(
         engine,
         every=every,
         with_steps=with_steps,
     )
-    return ScenesRun(engine, source, recorder, mesh, remarks)
+    return ScenesRun(engine, source, recorder, mesh)
 
 
-def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
-    """Add the force of the starting weights of one scene to its loads; returns remarks."""
-    from fvi_cli.integrator.starts.starting_weights import corrected_start
+def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
+    """Add the force of the starting weights of one scene to its loads."""
+    # most runs need no scipy.special
+    from fvi_cli.integrator.starting_weights import starting_loads
 
-    (scene,), method, tables = engine.scenes, engine.method, engine.tables
-    if scene.lagrangian is not None:
-        raise ValueError("start: weights are not made for a general Lagrangian; use none")
+    (scene,), tables = engine.scenes, engine.tables
     h = scene.final_time / mesh.n_steps
     fresh = {0, *place_breaks(mesh.times, scene.break_points)}
 
@@ -141,10 +140,7 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
             engine.accept(state, steps, (index + 1) * h)
         return found
 
-    loads, remarks = corrected_start(scene, method, tables, mesh.n_steps, first_samples)
-    if loads is not None:
-        engine.add_loads(0, loads)
-    return remarks
+    engine.add_loads(0, starting_loads(scene, engine.method, mesh.n_steps, first_samples))
 
 
 @in_one_thread
