@@ -46,12 +46,12 @@ def gauss_rule(n_points: int) -> QuadratureRule:
     With the roots x_i of the Legendre polynomial P_n the weights on [0, 1] are
     ``1 / ((1 - x_i^2) P_n'(x_i)^2)``.
     """
-    roots = Legendre.basis(n_points).roots().astype(np.longdouble)
+    roots: LongArray = Legendre.basis(n_points).roots().astype(np.longdouble)
     for _ in range(_NEWTON_STEPS):
         value, slope = _legendre(n_points, roots)
         roots = roots - value / slope
     _, slope = _legendre(n_points, roots)
-    return _symmetric_rule(roots, 1 / ((1 - roots**2) * slope**2), 2 * n_points)
+    return _symmetric_rule(roots, np.reciprocal((1 - roots**2) * slope**2), 2 * n_points)
 
 
 @cache
@@ -62,26 +62,28 @@ def lobatto_rule(n_points: int) -> QuadratureRule:
     ``1 / (n (n-1) P_{n-1}(x_i)^2)``.
     """
     degree, product = n_points - 1, n_points * (n_points - 1)
-    inner = Legendre.basis(degree).deriv().roots().astype(np.longdouble)
+    inner: LongArray = Legendre.basis(degree).deriv().roots().astype(np.longdouble)
     for _ in range(_NEWTON_STEPS):
         value, slope = _legendre(degree, inner)
         # by Legendre's equation, P'' = (2 x P' - n (n - 1) P) / (1 - x^2)
         inner = inner - slope * (1 - inner**2) / (2 * inner * slope - product * value)
-    roots = np.concatenate([[np.longdouble(-1)], inner, [np.longdouble(1)]])
+    roots: LongArray = np.concatenate([[np.longdouble(-1)], inner, [np.longdouble(1)]])
     value, _ = _legendre(degree, roots)
-    return _symmetric_rule(roots, 1 / (product * value**2), 2 * n_points - 2)
+    return _symmetric_rule(roots, np.reciprocal(product * value**2), 2 * n_points - 2)
 
 
 def jacobi_rule(n_points: int, exponent: float) -> tuple[Array, Array]:
     """Nodes and weights for integrals over [0, 1] with the weight ``(1 - u)**exponent``.
 
-    The weights are in the ratios of ``1 / ((1 - x_i^2) P_n'(x_i)^2)``; SciPy's have fewer digits.
+    From eigenvalues and eigenvectors of the symmetric tridiagonal matrix of the recurrence
+    (Golub and Welsch 1969).
     """
-    from scipy.special import eval_jacobi, roots_jacobi
-
-    nodes, _ = roots_jacobi(n_points, exponent, 0.0)
-    slopes = eval_jacobi(n_points - 1, exponent + 1.0, 1.0, nodes)
-    weights = 1.0 / ((1.0 - nodes**2) * slopes**2)
+    a, k = exponent, np.arange(1.0, n_points)
+    t = 2.0 * k + a
+    diagonal = -a * np.append(1.0 / (a + 2.0), a / (t * (t + 2.0)))
+    off = np.diag(2.0 * k * (k + a) / (t * np.sqrt(t * t - 1.0)), 1)
+    nodes, vectors = np.linalg.eigh(np.diag(diagonal) + off + off.T)
+    weights = vectors[0] ** 2
     return (1.0 + nodes) / 2.0, weights / ((exponent + 1.0) * weights.sum())
 
 
@@ -103,5 +105,5 @@ def _legendre(degree: int, x: LongArray) -> tuple[LongArray, LongArray]:
     slope_before, slope = np.zeros_like(x), np.zeros_like(x)
     for n in range(1, degree + 1):
         slope_before, slope = slope, slope_before + (2 * n - 1) * value
-        before, value = value, ((2 * n - 1) * x * value - (n - 1) * before) / n
+        before, value = value, ((2 * n - 1) * x * value - (n - 1) * before) / np.longdouble(n)
     return value, slope

@@ -21,6 +21,7 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.powers import Powers
 from fvi_cli.mathematics.transforms.characteristic import (
     characteristic_terms,
@@ -270,6 +271,8 @@ def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[Powers, ...
     """Pairs (begin, components) for the pieces of a force."""
     if forcing is None:
         return []
+    if not all(isinstance(one, Expression) for one in forcing.components):
+        raise ExpressionError("samples and functions are no formulas")
     variables = {"t": Powers.variable()}
     starts = (0.0, *forcing.break_points)
     return [

@@ -5,9 +5,7 @@ import pytest
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.powers import Powers
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
@@ -51,12 +49,6 @@ def test_factors_and_formulas_are_added_up():
     np.testing.assert_allclose(at(both, time), -2 * at(force, time) - 2 * time**2, atol=1e-13)
     assert not both.is_constant
     assert SampledForce.through(TIME, 0 * VALUES + 3, "linear").is_constant
-
-
-def test_samples_are_no_formula():
-    force = SampledForce.through(TIME, VALUES, "linear")
-    with pytest.raises(ExpressionError, match="not a formula"):
-        force.evaluate({"t": Powers.variable()})
 
 
 def test_knots_are_no_break_points():

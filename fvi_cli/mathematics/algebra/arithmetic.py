@@ -66,8 +66,13 @@ NUMPY_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
 """The functions an expression may call; `min` and `max` take two arguments at a time."""
 
 INNER_FUNCTIONS: Final[Mapping[str, Callable[..., Array]]] = MappingProxyType(
-    {"square": np.square, "power": np.power, "select": _select, "log_times": _log_times}
-    | {"digamma": _digamma}
+    {
+        "square": np.square,
+        "power": np.power,
+        "select": _select,
+        "log_times": _log_times,
+        "digamma": _digamma,
+    }
 )
 """Further functions of programs: ``select(a, b, x, y)`` is x where a < b, y where a > b, and
 (x + y)/2 where a = b; ``log_times(f, x)`` is f log x, and 0 where f is 0."""
