@@ -7,6 +7,7 @@ import mpmath
 import numpy as np
 import pytest
 from letters import spring, swing
+from oracles.linear_response import match_scene
 from scipy.special import gamma as gamma_function
 from spread import spread
 
@@ -15,7 +16,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.starting_weights import starting_weights
 from fvi_cli.mathematics.bdf import convolution_weights
-from fvi_cli.scenes.linear_response import match_scene
 
 
 @spread(offset=[0.0, 0.21], order=[0.5, 1.0, 1.5], bdf_order=[1, 3, 6])

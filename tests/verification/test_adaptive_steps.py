@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
+from oracles.linear_response import match_scene
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -20,7 +21,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.data import duffing, kepler
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.linear_response import match_scene
 
 Array = np.ndarray
 Exact = Callable[[Array], Array]

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
+from oracles.linear_response import match_scene
 from paper_problems import errors
 from spread import spread
 
@@ -15,7 +16,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.problem import Problem
 
 FLOOR = 2e-13

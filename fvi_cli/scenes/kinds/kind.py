@@ -179,7 +179,7 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             reason = f"begins like t**{power:g}; steps take powers from {LEAST_POWER} on"
             raise ArgumentError("forcing", reason)
         exact: Callable[[Array], Array] | None = None
-        source, error = "unknown", 0.0
+        source = "unknown"
         if self.exact == "none":
             source = "none"
         elif self.exact != "auto":
@@ -188,18 +188,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if reason := objection(exact, scene):
                 raise ArgumentError("exact", reason)
-        elif search and scene.is_linear:
-            # a slow import, needed only for the search
-            from fvi_cli.scenes.linear_response import trusted_solution
-
-            exact, source, error = trusted_solution(scene)
         ground = [name for name in self.forces if name != "forcing"]
         return Problem(
             kind=self.kind,
             scene=scene,
             exact=exact,
             exact_source=source,
-            exact_error=error,
             equation=_with_laws(self.equation, scene),
             coordinates=self.own_names() or _numbered(scene.dimension),
             inputs={name: self._driver(name, ()) for name in ground},

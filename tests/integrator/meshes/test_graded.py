@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from letters import spring
+from oracles.linear_response import match_scene
 from spread import spread
 from test_mesh import fresh
 
@@ -19,7 +20,6 @@ from fvi_cli.integrator.meshes.graded import (
 )
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.scenes.linear_response import match_scene
 
 Array = np.ndarray
 
