@@ -32,7 +32,7 @@ from fvi_cli.config.observations import check_member, read_observations, read_un
 from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
-from fvi_cli.integrator.damping.damping import law_objection
+from fvi_cli.integrator.memory.damping import law_objection
 from fvi_cli.integrator.meshes.mesh import misplaced_break_point
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.observations.request import Observations

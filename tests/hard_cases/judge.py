@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.damping import law_objection
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict_stability
 from fvi_cli.mathematics.expressions import Expression

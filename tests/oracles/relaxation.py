@@ -129,7 +129,7 @@ def fraction_of(kernel: RelaxationKernel) -> tuple[Powers, Powers]:
     if isinstance(kernel, ColeCole):
         size = kernel.time**kernel.order
         return {kernel.order - 1.0: size}, {0.0: 1.0, kernel.order: size}
-    if kernel.ends is not None or len(kernel.masses) > MOST_RATES:
+    if kernel.peak is not None or len(kernel.masses) > MOST_RATES:
         raise ValueError(f"{kernel}: no quotient of a few powers")
     factors: list[Powers] = [{1.0: 1.0, 0.0: rate} for rate, _ in kernel.masses]
     above: Powers = {}

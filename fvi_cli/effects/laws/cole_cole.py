@@ -36,11 +36,6 @@ class ColeCole:
         object.__setattr__(self, "time", positive(self.time, "time"))
 
     @property
-    def ends(self) -> tuple[float, float]:
-        """Powers a and -a of x in x rho(x) for small and for large rates x."""
-        return self.order, -self.order
-
-    @property
     def peak(self) -> tuple[float, float]:
         r"""The peak is at :math:`1/\tau`, singularities at :math:`(x\tau)^a = -e^{\pm i \pi a}`."""
         return -math.log(self.time), math.pi * (1 - self.order) / self.order

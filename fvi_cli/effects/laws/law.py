@@ -26,12 +26,8 @@ class RelaxationKernel(Protocol):
     """The kernel k of a law; the integrator treats equal values as one kernel."""
 
     @property
-    def ends(self) -> tuple[float, float] | None:
-        r"""Powers of y in :math:`y \rho(y)` for small and for large y; None: no density."""
-
-    @property
     def peak(self) -> tuple[float, float] | None:
-        r"""Where the density bends in :math:`\log y`, how far off singularities lie; or None."""
+        r"""Bend of the density in :math:`\log y` and distance of its poles; None: no density."""
 
     @property
     def masses(self) -> tuple[tuple[float, float], ...]:

@@ -25,7 +25,6 @@ class PronyKernel:
     """
 
     masses: tuple[tuple[float, float], ...]  # pairs of a rate x_i > 0 (1/time) and a weight g_i > 0
-    ends = None
     peak = None
     start_order = None
 
