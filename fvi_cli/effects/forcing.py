@@ -18,6 +18,9 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
+LARGEST_GAP = 10.0
+"""Gap of samples, in median spacings, from which on it is remarked on."""
+
 ForceComponent = Expression | SampledForce | FunctionForce
 
 
@@ -207,15 +210,23 @@ class Forcing:
         return ""
 
     def remarks(self, final_time: float, step_size: float) -> tuple[str, ...]:
-        """Which samples lie closer than steps of this size, in a sentence for each."""
+        """Which samples lie closer than steps of this size or have gaps, in a sentence for each."""
         found = {}
         for one in self.samples:
             knots = one.knots[(one.knots >= 0.0) & (one.knots <= final_time)]
-            spacing = float(np.median(np.diff(knots))) if knots.size > 1 else math.inf
+            if knots.size < 2:
+                continue
+            gaps = np.diff(knots)
+            spacing, widest = float(np.median(gaps)), int(gaps.argmax())
             if step_size > spacing * (1.0 + 1e-9):
-                found[one.source] = (
+                found["steps", one.source] = (
                     f"steps: h = {step_size:.4g} is longer than the spacing {spacing:.4g} of "
                     f"{one.source}"
+                )
+            if gaps[widest] > LARGEST_GAP * spacing:
+                found["samples", one.source] = (
+                    f"samples: {one.source} has a gap of {gaps[widest] / spacing:.0f} intervals "
+                    f"after t = {knots[widest]:g}"
                 )
         return tuple(found.values())
 

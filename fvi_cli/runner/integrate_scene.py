@@ -107,8 +107,8 @@ def integrate(
         with_steps=with_steps,
     )
     remarks: tuple[str, ...] = ()
-    if scene.forcing is not None and not isinstance(n_steps, AdaptiveSteps):
-        longest = found.step_size
+    if scene.forcing is not None:
+        longest = 0.0 if isinstance(n_steps, AdaptiveSteps) else found.step_size
         if isinstance(n_steps, Mesh):
             longest = float(np.diff(n_steps.times).max())
         remarks = scene.forcing.remarks(scene.final_time, longest)
