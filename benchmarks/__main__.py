@@ -10,6 +10,8 @@ from pathlib import Path
 
 from benchmarks.accuracy import accuracy_table, run_accuracy
 from benchmarks.memory import memory_table, run_memory
+from benchmarks.peers import peers_table, run_peers
+from benchmarks.people import people_table, run_people
 from benchmarks.startup import run_startup, startup_table
 from benchmarks.stepping import run_stepping, stepping_table
 from benchmarks.tolerances import run_tolerances, tolerance_table
@@ -30,6 +32,8 @@ PAGES: dict[str, tuple[str, Callable[[argparse.Namespace], str]]] = {
         "What a command takes before it begins",
         lambda asked: startup_table(run_startup()),
     ),
+    "peers": ("Beside other packages", lambda asked: peers_table(run_peers())),
+    "people": ("What people do", lambda asked: people_table(run_people())),
     "truth": ("Whether printed numbers are true", lambda asked: _truth_page(asked)),
     "tolerances": (
         "Whether tolerances are kept",

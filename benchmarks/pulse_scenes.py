@@ -18,7 +18,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
 from fvi_cli.scenes.data import linear_oscillator
-from fvi_cli.scenes.linear_response import ExactSolution, match_scene
+from tests.oracles.linear_response import ExactSolution, match_scene
 
 TIMES = 60
 NODES = 14

@@ -25,7 +25,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import CHUNK
 from fvi_cli.integrator.tables import step_tables

@@ -10,6 +10,7 @@ from written_out import every_lag_written_out
 
 import fvi_cli as fvi
 from benchmarks import __main__ as page
+from benchmarks import peers, people
 from benchmarks.accuracy import cost_goals
 from benchmarks.measuring import in_own_process
 from benchmarks.memory import measure_memory, memory_cases
@@ -127,3 +128,28 @@ class TestTruth:
         assert verdicts == ["refused", "wrong", "wrong"]
         assert Claim("x", math.nan, 1.0, 0.1).ratio(float) == math.inf
         assert Claim("x", math.inf, math.inf, 0.1).ratio(float) == 0
+
+
+class TestPeople:
+    def test_every_piece_of_work_at_a_small_size(self):
+        rows = [
+            people.building_row(3, 40),
+            people.sweep_row(2),
+            people.bifurcation_row(2),
+            people.ensemble_row(2),
+        ]
+        assert all(row.ratio > 0 for row in rows)
+        assert columns(people.people_table(rows))["goal"] == ["1.5", "1.3", "2", "2"]
+
+
+class TestPeers:
+    def test_every_method_at_a_small_size(self):
+        rows = peers.run_peers([16])
+        errors = {(row.problem, row.method): row.error for row in rows}
+        assert all(np.isfinite(error) for error in errors.values())
+        for problem in {row.problem for row in rows}:
+            assert errors[problem, "fvi gauss3"] < errors[problem, "fvi bdf2"]
+        # other packages solve the same problem
+        assert errors["oscillator, order 1", "SciPy DOP853"] < 1e-5
+        assert errors.get(("pendulum, order 1/2", "pycaputo trapezoidal"), 0.0) < 0.2
+        assert len(columns(peers.peers_table(rows))["error"]) == len(rows)

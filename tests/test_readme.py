@@ -14,7 +14,7 @@ from shown_numbers import differences_of_texts
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.registry import PROBLEM
 
 ROOT = Path(__file__).parents[1]

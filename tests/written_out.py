@@ -20,9 +20,9 @@ import numpy as np
 from runge_kutta_symbol import ButcherTableau, symbol_power, tableau
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.break_points import steps_at_break_points
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.memory import lags
+from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import StepTables, step_tables
 
@@ -66,7 +66,8 @@ def known_moments(scene: Scene, method: Method, n_steps: int) -> Array:
     tables, h = step_tables(method), scene.final_time / n_steps
     total = np.zeros((n_steps, tables.degree + 1, scene.dimension))
     loads = StepLoads(scene, method, tables)
-    ends = [0, *steps_at_break_points(scene, n_steps), n_steps]
+    parts = uniform_mesh(scene.final_time, n_steps, scene.break_points).stretches
+    ends = itertools.accumulate((one.n_steps for one in parts), initial=0)
     for first, end in itertools.pairwise(ends):
         part = loads.of_steps(first * h, h, end - first, is_fresh=True)
         total[first:end] += 0.0 if part is None else part

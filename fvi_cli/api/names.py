@@ -31,7 +31,7 @@ from fvi_cli.integrator.gradients.quantity import position_at as position_at
 from fvi_cli.integrator.gradients.quantity import quantity_at as quantity_at
 from fvi_cli.integrator.gradients.quantity import velocity_at as velocity_at
 from fvi_cli.integrator.members import integrate_members as integrate_members
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps as AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps as AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh as Mesh
 from fvi_cli.integrator.meshes.mesh import graded_mesh as graded_mesh
 from fvi_cli.integrator.meshes.mesh import mesh_of as mesh_of

@@ -32,8 +32,8 @@ from fvi_cli.config.observations import check_member, read_observations, read_un
 from fvi_cli.config.problem import make_problem, problem_keys
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
-from fvi_cli.integrator.break_points import misplaced_break_point
-from fvi_cli.integrator.damping.damping import law_objection
+from fvi_cli.integrator.memory.damping import law_objection
+from fvi_cli.integrator.meshes.mesh import misplaced_break_point
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
@@ -302,6 +302,11 @@ def _objection(problem: AnyProblem, found: ListedMethod) -> str:
         from fvi_cli.integrator.baselines import baseline_objection
 
         return baseline_objection(problem.scene, method)
-    if problem.scene.lagrangian is not None and method.start == "weights":
-        return "start: weights need a constant mass matrix; use none"
+    if method.start == "weights":
+        if problem.scene.lagrangian is not None:
+            return "start: weights need a constant mass matrix; use none"
+        # import only for experiments with weights, since it takes long
+        from fvi_cli.integrator.starting_weights import weights_objection
+
+        return weights_objection(method)
     return ""

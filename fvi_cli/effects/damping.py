@@ -14,7 +14,6 @@ from fvi_cli.effects.matrices import (
     Form,
     MatrixEffect,
     SparseMatrix,
-    as_csr,
     dense,
     entries,
     is_sparse,
@@ -48,16 +47,17 @@ class MatrixForce(MatrixEffect):
     form: Form = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        given, factored = self.coefficient, self.factored
+        # a term that is changed elsewhere keeps its factors, unless its matrix changes
+        given = self.coefficient
+        factored = given if isinstance(given, Factored) else self.factored
         if isinstance(given, Factored):
-            factored = given
-            given = factored.form
-        if factored is None or given is not factored.form:
-            factored = None
-        form = symmetric_form(given, "coefficient") if factored is None else factored.form
-        object.__setattr__(self, "form", form)
-        object.__setattr__(self, "coefficient", form)
-        object.__setattr__(self, "factored", factored)
+            form = given.form
+        elif factored is not None and given is factored.form:
+            form = factored.form
+        else:
+            factored, form = None, symmetric_form(given, "coefficient")
+        for name, value in (("form", form), ("coefficient", form), ("factored", factored)):
+            object.__setattr__(self, name, value)
 
     @property
     def matrix(self) -> Array:
@@ -90,20 +90,15 @@ def is_same_direction(a: Form, b: Form) -> bool:
     """Whether two matrices from `MatrixForce.scale_and_direction` are equal up to round-off."""
     if a.shape != b.shape or is_sparse(a) != is_sparse(b):
         return False
-    if not isinstance(a, np.ndarray):
-        one, other = as_csr(a), as_csr(b)
-        if not (
-            np.array_equal(one.indptr, other.indptr) and np.array_equal(one.indices, other.indices)
-        ):
-            return False
+    if is_sparse(a) and not all(map(np.array_equal, a.nonzero(), b.nonzero())):
+        return False
     return bool(np.allclose(entries(a), entries(b), rtol=SAME, atol=0))
 
 
 def distinct_directions(forces: Sequence[MatrixForce]) -> list[Form]:
     """The matrices of forces without their scales, each different one once."""
     found: list[Form] = []
-    for force in forces:
-        _, direction = force.scale_and_direction
+    for _, direction in (force.scale_and_direction for force in forces):
         if not any(is_same_direction(other, direction) for other in found):
             found.append(direction)
     return found

@@ -13,43 +13,22 @@ from numpy.typing import ArrayLike
 from fvi_cli.effects.matrices import Factored, dense, symmetric_form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem, operands
+from fvi_cli.mathematics.algebra.builder import derivatives
+from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
 _MOST_SHOWN: Final = 12  # coordinates that a complaint lists
-_REASONS: Final[Mapping[object, str]] = {
-    "*": "two coordinates are multiplied",
-    "/": "divide by numbers other than 0 only",
-    **dict.fromkeys(("**", "power"), "a coordinate occurs in a power"),
-}
 
 
 def linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
     """The constant of a formula and the coefficients of the names; refused if it is not linear."""
-    units = dict(zip(names, np.eye(1 + len(names))[1:], strict=True))
-    forms: dict[int, Array] = {}
-    for place in system.needed:
-        kind, *rest = instruction = system.instructions[place]
-        used = [forms[one] for one in operands(instruction)]
-        numbers = [one for one in used if not one[1:].any()]
-        if kind == "number":
-            form = float(rest[0]) * np.eye(1 + len(names))[0]
-        elif kind == "variable":
-            form = units[str(rest[0])]
-        elif kind in ("+", "-", "negate"):
-            form = sum(used) if kind == "+" else used[0] - used[1] if kind == "-" else -used[0]
-        elif kind == "*" and numbers:
-            form = used[0] * used[1][0] if numbers[0] is used[1] else used[1] * used[0][0]
-        elif kind == "/" and not used[1][1:].any() and used[1][0] != 0:
-            form = used[0] / used[1][0]
-        elif kind == "**" and rest[1] == 1:
-            form = used[0]
-        else:
-            raise ExpressionError(f"not linear: {_REASONS.get(kind, 'a function of a coordinate')}")
-        forms[place] = np.asarray(form)
-    return forms[system.outputs[0]]
+    slopes = derivatives(system, [{name: 1.0} for name in names])[1:]
+    if slopes.names or system.kinked:
+        raise ExpressionError("not linear in the coordinates")
+    constant = system.evaluate(dict.fromkeys(names, 0.0))
+    return np.array([*constant, *slopes.evaluate({})], dtype=float)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,10 +46,9 @@ class Directions:
 
     def __post_init__(self) -> None:
         set_arrays(self, rows=np.atleast_2d(self.rows))
-        rows = self.rows
-        if not np.all(np.isfinite(rows)):
+        if not np.all(np.isfinite(self.rows)):
             raise ArgumentError("acts_on", "every factor must be finite")
-        if np.any(np.all(rows == 0, axis=1)):
+        if np.any(np.all(self.rows == 0, axis=1)):
             raise ArgumentError("acts_on", "a combination whose coordinates cancel")
 
     @classmethod
@@ -83,18 +61,13 @@ class Directions:
             At ``acts_on.<index>``, if that text is not a linear combination.
         """
         places = {name: place for place, name in enumerate(coordinates)}
-        rows = []
+        rows = np.zeros((len(texts), len(coordinates)))
         for index, text in enumerate(texts):
-            # only on the coordinates that occur: a structure has thousands
-            used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
             try:
-                # more names than a complaint can list are not needed
-                known = tuple(dict.fromkeys([*used, *coordinates[:_MOST_SHOWN]]))
-                parsed = Expression.parse(text, variables=known)
-                constant, *factors = linear_form(parsed.system, used)
+                constant, factors = _combination(text, places)
             except ExpressionError as error:
                 raise ArgumentError(f"acts_on.{index}", str(error)) from None
-            if not any(factors):
+            if not any(factors.values()):
                 raise ArgumentError(
                     f"acts_on.{index}", f"{text!r} contains no coordinate, or they cancel"
                 )
@@ -104,10 +77,8 @@ class Directions:
                     f"{text!r} holds the constant {constant:g}; "
                     "only linear combinations of coordinates are allowed",
                 )
-            row = np.zeros(len(coordinates))
-            row[[places[name] for name in used]] = factors
-            rows.append(row)
-        return cls(rows=np.array(rows))
+            rows[index, [places[name] for name in factors]] = list(factors.values())
+        return cls(rows=rows)
 
     @property
     def count(self) -> int:
@@ -123,8 +94,7 @@ class Directions:
             If the coefficient is neither a number nor a symmetric r x r matrix.
         """
         inner = np.asarray(coefficient, dtype=float)
-        if inner.ndim == 0:
-            inner = inner * np.eye(self.count)
+        inner = inner * np.eye(self.count) if inner.ndim == 0 else inner
         inner = dense(symmetric_form(inner, "coefficient"))
         if inner.shape[0] != self.count:
             raise ArgumentError(
@@ -132,3 +102,13 @@ class Directions:
                 f"a matrix of size {inner.shape[0]} for {self.count} entries in acts_on",
             )
         return Factored(rows=self.rows, inner=inner, labels=self.labels)
+
+
+def _combination(text: str, places: Mapping[str, int]) -> tuple[float, dict[str, float]]:
+    """The constant of a text, and the factors of the coordinates that occur in it."""
+    # only the coordinates that occur: a structure has thousands; a complaint lists a few more
+    used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
+    shown = list(places)[:_MOST_SHOWN]
+    parsed = Expression.parse(text, variables=tuple(dict.fromkeys([*used, *shown])))
+    constant, *factors = linear_form(parsed.system, used).tolist()
+    return constant, dict(zip(used, factors, strict=True))

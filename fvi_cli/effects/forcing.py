@@ -18,6 +18,9 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
+LARGEST_GAP = 10.0
+"""Gap of samples, in median spacings, from which on it is remarked on."""
+
 ForceComponent = Expression | SampledForce | FunctionForce
 
 
@@ -65,36 +68,31 @@ class ForcingPiece:
     def combined(self, time: Array, rows: Array) -> Array:
         """Combinations ``(c, d)`` of the components, from times ``(n,)`` to ``(n, c)``."""
         result = np.zeros((time.size, len(rows)))
-        for component, places in self._unlike:
-            weights = rows[:, places].sum(axis=1)
-            if weights.any():
-                result += np.asarray(component.evaluate({"t": time}))[..., None] * weights
-        for records in self._alike:
-            weights = np.stack([rows[:, places].sum(axis=1) for _, places in records], axis=1)
-            for column in np.flatnonzero(weights.any(axis=1)).tolist():
-                every = zip(weights[column].tolist(), records, strict=True)
-                total = sum(weight * one.coefficients for weight, (one, _) in every)
-                joined = replace(records[0][0], coefficients=np.asarray(total))
-                result[:, column] += np.asarray(joined.evaluate({"t": time}))
+        for column, row in enumerate(rows):
+            for weight, component in self._joined(row):
+                result[:, column] += weight * component.evaluate({"t": time})
         return result
 
-    @cached_property
-    def _alike(self) -> list[list[tuple[SampledForce, list[int]]]]:
-        """Samples alone, by their times and order: their combinations are samples again."""
-        found: dict[tuple[int, bytes], list[tuple[SampledForce, list[int]]]] = {}
+    def _joined(self, weights: Array) -> list[tuple[float, ForceComponent]]:
+        """Weights and components of a combination; samples at equal times are joined to one."""
+        found: list[tuple[float, ForceComponent]] = []
+        alike: dict[tuple[int, bytes], list[tuple[float, SampledForce]]] = {}
         for one, places in self.distinct:
-            if isinstance(one, SampledForce) and one.formula is None:
-                found.setdefault((one.order, one.knots.tobytes()), []).append((one, places))
-        return list(found.values())
+            weight = float(weights[places].sum())
+            if weight and isinstance(one, SampledForce) and one.formula is None:
+                alike.setdefault((one.order, self._knots[id(one)]), []).append((weight, one))
+            elif weight:
+                found.append((weight, one))
+        for records in alike.values():
+            total = np.asarray(sum(weight * one.coefficients for weight, one in records))
+            found.append((1.0, replace(records[0][1], coefficients=total)))
+        return found
 
     @cached_property
-    def _unlike(self) -> list[tuple[ForceComponent, list[int]]]:
-        """The other components: formulas, functions, and samples with a formula."""
-        return [
-            (one, places)
-            for one, places in self.distinct
-            if not isinstance(one, SampledForce) or one.formula is not None
-        ]
+    def _knots(self) -> dict[int, bytes]:
+        """The times of samples, as keys."""
+        samples = (one for one, _ in self.distinct if isinstance(one, SampledForce))
+        return {id(one): one.knots.tobytes() for one in samples}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -160,12 +158,8 @@ class Forcing:
         if beyond == "refuse":
             return cls(pieces=(ForcingPiece(components=components),))
         zero = Expression.parse("0", variables=("t",))
-        return cls(
-            pieces=(
-                ForcingPiece(components=components, until=float(components[0].knots[-1])),
-                ForcingPiece(components=(zero,) * len(components)),
-            )
-        )
+        first = ForcingPiece(components=components, until=float(components[0].knots[-1]))
+        return cls(pieces=(first, ForcingPiece(components=(zero,) * len(components))))
 
     @property
     def dimension(self) -> int:
@@ -216,15 +210,23 @@ class Forcing:
         return ""
 
     def remarks(self, final_time: float, step_size: float) -> tuple[str, ...]:
-        """Which samples lie closer than steps of this size, in a sentence for each."""
+        """Which samples lie closer than steps of this size or have gaps, in a sentence for each."""
         found = {}
         for one in self.samples:
             knots = one.knots[(one.knots >= 0.0) & (one.knots <= final_time)]
-            spacing = float(np.median(np.diff(knots))) if knots.size > 1 else math.inf
+            if knots.size < 2:
+                continue
+            gaps = np.diff(knots)
+            spacing, widest = float(np.median(gaps)), int(gaps.argmax())
             if step_size > spacing * (1.0 + 1e-9):
-                found[one.source] = (
+                found["steps", one.source] = (
                     f"steps: h = {step_size:.4g} is longer than the spacing {spacing:.4g} of "
                     f"{one.source}"
+                )
+            if gaps[widest] > LARGEST_GAP * spacing:
+                found["samples", one.source] = (
+                    f"samples: {one.source} has a gap of {gaps[widest] / spacing:.0f} intervals "
+                    f"after t = {knots[widest]:g}"
                 )
         return tuple(found.values())
 
@@ -251,8 +253,10 @@ class Forcing:
         """
         which = np.searchsorted(np.array(self.break_points), start + 0.5 * step_size)
         times = start[:, None] + step_size * offsets
-        if (which == which[:1]).all():
-            return self.pieces[int(which[0])].evaluate(times)
+        if self._jumps_at_knots:
+            # the last bits of a time decide which side of a jump is meant
+            inside = 4.0 * np.spacing(np.abs(times) + step_size) * (1.0 - 2.0 * offsets)
+            times = times + np.where((offsets == 0.0) | (offsets == 1.0), inside, 0.0)
         return self._by_pieces(times, which)
 
     def __call__(self, time: Array) -> Array:
@@ -269,7 +273,13 @@ class Forcing:
             result[chosen] = self.pieces[int(index)].combined(time[chosen], rows)
         return result
 
+    @cached_property
+    def _jumps_at_knots(self) -> bool:
+        return any(one.order == 1 for one in self.samples)
+
     def _by_pieces(self, time: Array, which: NDArray[np.intp]) -> Array:
+        if which.size and (which == which.flat[0]).all():
+            return self.pieces[int(which.flat[0])].evaluate(time)
         result = np.empty((*time.shape, self.dimension))
         for index in np.unique(which):
             chosen = which == index

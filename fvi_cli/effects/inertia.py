@@ -13,14 +13,13 @@ from fvi_cli.effects.matrices import (
     Solve,
     SparseMatrix,
     dense,
-    is_definite,
+    indefinite_words,
     is_diagonal,
     solver,
     symmetric_form,
 )
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.definite import singular_words
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -37,14 +36,8 @@ class Inertia(MatrixEffect):
 
     def __init__(self, *, mass: ArrayLike | SparseMatrix) -> None:
         form = symmetric_form(mass, "mass")
-        if isinstance(form, np.ndarray):
-            wrong = singular_words(form)
-            if wrong:
-                raise ArgumentError("mass", wrong)
-        elif not is_definite(form):
-            raise ArgumentError(
-                "mass", "an eigenvalue is zero or negative; a mass must be positive definite"
-            )
+        if wrong := indefinite_words(form):
+            raise ArgumentError("mass", wrong)
         object.__setattr__(self, "form", form)
 
     @property

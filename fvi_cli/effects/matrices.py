@@ -120,32 +120,25 @@ def symmetric_form(value: ArrayLike | SparseMatrix, name: str) -> Form:
         # the usual case first: sweeps have many matrices
         if (matrix.size == 1 or (matrix == matrix.T).all()) and np.isfinite(matrix).all():
             return cast(Form, matrix)
-    i, j, is_odd = _largest(matrix, lambda kept: ~np.isfinite(kept))
-    if is_odd:
-        raise ArgumentError(name, f"{_entry(i, j)} is {matrix[i, j]}; every entry must be finite")
-    i, j, off = _largest(matrix - matrix.T, np.abs)
-    if off > SYMMETRY_TOLERANCE * np.abs(entries(matrix)).max(initial=0.0):
+    place, value_there = _largest_entry(matrix, lambda kept: ~np.isfinite(kept))
+    if not np.isfinite(value_there):
+        raise ArgumentError(name, f"{place} is {value_there}; every entry must be finite")
+    place, off = _largest_entry(matrix - matrix.T, np.abs)
+    if abs(off) > SYMMETRY_TOLERANCE * np.abs(entries(matrix)).max(initial=0.0):
         raise ArgumentError(
-            name,
-            f"{_entry(i, j)} is {matrix[i, j]:g} and its mirror image {matrix[j, i]:g}; the matrix "
-            "must be symmetric",
+            name, f"{place} differs by {off:.3g} from its mirror image; it must be symmetric"
         )
     return cast(Form, matrix)
 
 
-def _largest(matrix: Any, measure: Callable[[Array], Array]) -> tuple[int, int, float]:
-    """Row and column of the entry with the largest measure, and the measure; zeros measure 0."""
+def _largest_entry(matrix: Any, measure: Callable[[Array], Array]) -> tuple[str, float]:
+    """The entry with the largest measure: its place, counted from 1, and its value."""
     rows, columns = matrix.nonzero()
     if not rows.size:
-        return 0, 0, 0.0
-    sizes = measure(np.asarray(matrix[rows, columns]).ravel())
-    at = int(sizes.argmax())
-    return int(rows[at]), int(columns[at]), float(sizes[at])
-
-
-def _entry(row: int, column: int) -> str:
-    """An entry by its place, counted from 1."""
-    return f"the entry in row {row + 1}, column {column + 1}"
+        return "", 0.0
+    found = np.asarray(matrix[rows, columns]).ravel()
+    at = int(measure(found).argmax())
+    return f"the entry in row {rows[at] + 1}, column {columns[at] + 1}", float(found[at])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, init=False)
@@ -217,11 +210,6 @@ def solver(matrix: Form) -> Solve:
     """
     if isinstance(matrix, np.ndarray):
         return lambda right: np.asarray(np.linalg.solve(matrix, right))
-    if is_diagonal(matrix):
-        along = matrix.diagonal()
-        if not np.all(along != 0):
-            raise np.linalg.LinAlgError("Singular matrix")
-        return lambda right: np.asarray((right.T / along).T)
     factors = factors_of(as_csc(matrix))
     return lambda right: np.asarray(factors.solve(np.ascontiguousarray(right)))
 
@@ -256,8 +244,6 @@ def negative_pivots(matrix: SparseMatrix) -> int:
     By Sylvester's law of inertia this is the number of eigenvalues of a sparse symmetric matrix
     that are not positive; where the elimination breaks down it is the number of rows.
     """
-    if is_diagonal(matrix):
-        return int(np.count_nonzero(~(matrix.diagonal() > 0)))
     try:
         factors = factors_of(as_csc(matrix), least_pivot=0.0)
     except np.linalg.LinAlgError:
@@ -267,11 +253,12 @@ def negative_pivots(matrix: SparseMatrix) -> int:
     return int(np.count_nonzero(~(factors.U.diagonal() > 0)))
 
 
-def is_definite(matrix: Form) -> bool:
-    """Whether a symmetric matrix is positive definite, a dense one beyond its round-off."""
+def indefinite_words(matrix: Form) -> str:
+    """Why a symmetric matrix is not positive definite, a dense one beyond its round-off."""
     if isinstance(matrix, np.ndarray):
-        return not singular_words(matrix)
-    return negative_pivots(matrix) == 0
+        return singular_words(matrix)
+    wrong = "an eigenvalue is zero or negative; a mass must be positive definite"
+    return wrong if negative_pivots(matrix) else ""
 
 
 SEMIDEFINITE_TOLERANCE = 1e-13

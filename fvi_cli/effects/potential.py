@@ -1,11 +1,11 @@
-"""Potential energies: quadratic, given by expressions, or by functions of the user."""
+"""Potential energies: quadratic, given by formulas, or by functions of the user."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,8 +24,6 @@ from fvi_cli.mathematics.algebra.builder import join
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_system
-
-T = TypeVar("T")
 
 WRONG = 0.1
 """Relative error from which a derivative that a user gives is none."""
@@ -115,13 +113,7 @@ class _StiffenedPotential:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExpressionPotential(_StiffenedPotential):
-    r"""Potential energy V(q) by formulas for V, its gradient and its Hessian.
-
-    Raises
-    ------
-    ValueError
-        If the numbers of expressions and coordinates do not match.
-    """
+    """Potential energy V(q) by formulas for V and, where they are given, its derivatives."""
 
     coordinates: tuple[str, ...]  # names of the d coordinates
     energy_expression: Expression
@@ -130,14 +122,6 @@ class ExpressionPotential(_StiffenedPotential):
     hessian_expressions: tuple[tuple[Expression, ...], ...] | None = None
     # the other names: numbers, or arrays that broadcast with the components of positions
     parameters: Mapping[str, float | Array] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        d = len(self.coordinates)
-        first, second = self.gradient_expressions, self.hessian_expressions
-        if first is not None and len(first) != d:
-            raise ArgumentError("gradient", f"{len(first)} entries, expected {d}")
-        if second is not None and [len(row) for row in second] != [d] * d:
-            raise ArgumentError("hessian", f"must be {d} rows of {d} expressions")
 
     @property
     def dimension(self) -> int:
@@ -199,13 +183,7 @@ class ExpressionPotential(_StiffenedPotential):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SuppliedPotential(_StiffenedPotential):
-    r"""Potential energy by functions of an object of the user; checks the shapes that they return.
-
-    Raises
-    ------
-    ValueError
-        If a function returns another shape than it should.
-    """
+    """Potential energy by functions of an object of the user; checks the shapes they return."""
 
     functions: Potential  # V, its gradient and its Hessian
     dimension: int  # number d of degrees of freedom
@@ -252,26 +230,30 @@ def checked_potential(
             raise ArgumentError(
                 "potential", f"{name} is not finite at the start, q = {position.tolist()}"
             )
-    place = position + BESIDE * np.maximum(1.0, np.abs(position))
-    spacing = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(place))
     for value, derivative in ((found.energy, found.gradient), (found.gradient, found.hessian)):
-        with np.errstate(all="ignore"):
-            own, quotients = derivative(place), _differences(value, place, spacing)
-        size = np.abs(own).max() + np.abs(quotients).max()
-        if np.abs(own - quotients).max() > WRONG * size:
-            raise ArgumentError(
-                "potential",
-                f"{name}.{derivative.__name__} is not the derivative of {name}.{value.__name__} "
-                f"near the start: it returns {own.tolist()}, differences give {quotients.tolist()}",
-            )
+        _check_derivative(name, value, derivative, position)
     return found
 
 
-def _differences(function: Callable[[Array], Array], position: Array, sizes: Array) -> Array:
-    """Central differences at a position ``(d,)``; the last axis is the direction."""
+def _check_derivative(
+    name: str,
+    value: Callable[[Array], Array],
+    derivative: Callable[[Array], Array],
+    position: Array,
+) -> None:
+    """Refuse a derivative that central differences beside a position contradict."""
+    place = position + BESIDE * np.maximum(1.0, np.abs(position))
+    sizes = np.cbrt(np.finfo(float).eps) * np.maximum(1.0, np.abs(place))
     steps = np.diag(sizes)
-    found = (function(position + steps) - function(position - steps)).T / (2.0 * sizes)
-    return np.asarray(found)
+    with np.errstate(all="ignore"):
+        given = derivative(place)
+        quotients = (value(place + steps) - value(place - steps)).T / (2.0 * sizes)
+    if np.abs(given - quotients).max() > WRONG * (np.abs(given).max() + np.abs(quotients).max()):
+        raise ArgumentError(
+            "potential",
+            f"{name}.{derivative.__name__} is not the derivative of {name}.{value.__name__} "
+            f"near the start: it returns {given.tolist()}, differences give {quotients.tolist()}",
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

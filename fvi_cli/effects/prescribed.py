@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -33,22 +34,19 @@ class PrescribedMotion:
             If it jumps, does not change at all, or is known as a function only.
         """
         times = np.array([0.0, *self.break_points, self.final_time])
-        between = np.linspace(times[:-1], times[1:], 9).ravel()
-        values = self.displacement(between)[:, 0]
-        largest = float(np.abs(values).max())
-        if not np.ptp(values) > JUMP * largest:
+        values = self.displacement(np.linspace(times[:-1], times[1:], 9).ravel())
+        least = JUMP * float(np.abs(values).max())
+        if not np.ptp(values) > least:
             raise ArgumentError("displacement", "it is constant; give a displacement that changes")
-        for index, time in enumerate(self.displacement.break_points):
-            before, after = (
-                float(self.displacement.pieces[index + k].evaluate(np.array(time))[0])
-                for k in (0, 1)
-            )
-            if time < self.final_time and abs(after - before) > JUMP * largest:
+        pieces = self.displacement.pieces
+        for before, after in itertools.pairwise(pieces):
+            at = np.array(before.until)
+            if at < self.final_time and abs(after.evaluate(at) - before.evaluate(at)) > least:
                 raise ArgumentError(
-                    "displacement",
-                    f"it jumps at t = {time:g} from {before:g} to {after:g}, which takes an "
-                    "infinite rate; give a ramp",
+                    "displacement", f"it jumps at t = {at:g}: an infinite rate; give a ramp"
                 )
+        if any(one.order == 1 for one in self.displacement.samples):
+            raise ArgumentError("displacement", "it jumps at every sample; interpolate linearly")
         if not np.isfinite(self.start_rate):
             raise ArgumentError("displacement", "its rate is infinite at t = 0; give a ramp")
 
@@ -65,20 +63,18 @@ class PrescribedMotion:
     @cached_property
     def kinks(self) -> tuple[float, ...]:
         """Times inside (0, T) at which the rate may jump."""
-        return self._inside(lines_only=True)
+        return self._inside(largest_order=2)
 
     @cached_property
     def break_points(self) -> tuple[float, ...]:
         """Times inside (0, T) at which it is not smooth."""
-        return self._inside(lines_only=False)
+        return self._inside(largest_order=4)
 
-    def _inside(self, *, lines_only: bool) -> tuple[float, ...]:
-        found = set(self.displacement.break_points)
-        for one in self.displacement.samples:
-            if one.order == 2 or not lines_only:
-                found.update(one.knots.tolist())
+    def _inside(self, largest_order: int) -> tuple[float, ...]:
+        samples = (one for one in self.displacement.samples if one.order <= largest_order)
+        found = {*self.displacement.break_points, *(t for one in samples for t in one.knots)}
         slack = 1e-12 * self.final_time
-        return tuple(sorted(t for t in found if slack < t < self.final_time - slack))
+        return tuple(sorted(float(t) for t in found if slack < t < self.final_time - slack))
 
     @cached_property
     def rate(self) -> Forcing:
@@ -93,20 +89,16 @@ class PrescribedMotion:
 def _rate_of(component: ForceComponent) -> ForceComponent:
     if isinstance(component, SampledForce):
         powers = np.arange(component.order - 1, 0, -1)[:, None]
-        slopes = powers * component.coefficients[:-1]
-        rate = SampledForce(knots=component.knots, coefficients=slopes, source=component.source)
+        rate = replace(component, coefficients=powers * component.coefficients[:-1], formula=None)
         if component.formula is None:
             return rate
         added = _rate_of(component.formula)
-        return FunctionForce(
-            function=lambda t: np.asarray(rate.evaluate({"t": t}) + added.evaluate({"t": t}))
-        )
+        return FunctionForce(function=lambda t: rate.evaluate({"t": t}) + added.evaluate({"t": t}))
     if not isinstance(component, Expression):
         raise ArgumentError("displacement", "give a formula or samples, not a function")
 
     def slope(time: Array) -> Array:
-        found = slopes_of(component, {"t": time.ravel()}, ["t"]).get("t")
-        flat = np.zeros(time.size) if found is None else np.broadcast_to(found, (time.size,))
-        return np.asarray(flat.reshape(time.shape))
+        found = slopes_of(component, {"t": time.ravel()}, ["t"]).get("t", np.zeros(1))
+        return np.asarray(np.broadcast_to(found, (time.size,)).reshape(time.shape))
 
     return FunctionForce(function=slope)

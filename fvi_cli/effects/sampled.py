@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Final, Literal, Self, TypeVar, cast
+from typing import Any, Final, Literal, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
 
-T = TypeVar("T")
-Interpolation = Literal["linear", "cubic"]
+Interpolation = Literal["linear", "cubic", "previous"]
 
-INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4}
+INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4, "previous": 1}
 """Order of every interpolation: the highest order of a method that its knots allow."""
 
 
@@ -31,8 +30,9 @@ class _WithFormula:
         """The force plus an expression in t."""
         return replace(self, formula=self.formula.plus(formula) if self.formula else formula)
 
-    def _formula_times(self, factor: float) -> Expression | None:
-        return self.formula and self.formula.times(factor)
+    def _with_formula(self, found: Array, time: Array) -> Array:
+        added = 0.0 if self.formula is None else self.formula.evaluate({"t": time})
+        return np.asarray(found + added)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,6 +62,7 @@ class SampledForce(_WithFormula):
 
         ``linear``: straight lines. ``cubic``: the spline with two continuous derivatives, whose
         third is continuous at the second and the last but one sample as well ("not a knot").
+        ``previous``: each value holds until the next time.
 
         Raises
         ------
@@ -69,9 +70,10 @@ class SampledForce(_WithFormula):
             For an unknown interpolation, too few samples, or samples that are not allowed.
         """
         if interpolation not in INTERPOLATION_ORDERS:
-            raise ArgumentError("interpolation", f"{interpolation!r} is not one of linear, cubic")
+            words = ", ".join(INTERPOLATION_ORDERS)
+            raise ArgumentError("interpolation", f"{interpolation!r} is not one of {words}")
         knots, at_knots = np.asarray(time, dtype=float), np.asarray(values, dtype=float)
-        least = INTERPOLATION_ORDERS[interpolation]
+        least = max(2, INTERPOLATION_ORDERS[interpolation])
         if knots.ndim != 1 or knots.shape != at_knots.shape or knots.size < least:
             raise ValueError(
                 f"{source}: {knots.size} times and {at_knots.size} values; {interpolation} "
@@ -79,12 +81,13 @@ class SampledForce(_WithFormula):
             )
         if not (np.isfinite([knots, at_knots]).all() and np.all(np.diff(knots) > 0)):
             raise ValueError(f"{source}: times must increase and every number must be finite")
-        if interpolation == "linear":
-            slopes = np.diff(at_knots) / np.diff(knots)
-            return cls(knots=knots, coefficients=np.stack([slopes, at_knots[:-1]]), source=source)
-        from scipy.interpolate import CubicSpline
+        if interpolation == "cubic":
+            from scipy.interpolate import CubicSpline
 
-        return cls(knots=knots, coefficients=CubicSpline(knots, at_knots).c, source=source)
+            return cls(knots=knots, coefficients=CubicSpline(knots, at_knots).c, source=source)
+        slopes = np.diff(at_knots) / np.diff(knots)
+        rows = [slopes, at_knots[:-1]] if interpolation == "linear" else [at_knots[:-1]]
+        return cls(knots=knots, coefficients=np.stack(rows), source=source)
 
     @property
     def order(self) -> int:
@@ -99,51 +102,28 @@ class SampledForce(_WithFormula):
     @property
     def is_constant(self) -> bool:
         """Whether the force is the same at all times."""
-        return (
-            self.formula is None
-            and not self.coefficients[:-1].any()
-            and bool(np.ptp(self.coefficients[-1]) == 0)
-        )
+        *moving, still = self.coefficients
+        return self.formula is None and not np.any(moving) and bool(np.ptp(still) == 0)
 
     def scaled(self, factor: float) -> SampledForce:
         """The force times a number."""
-        return replace(
-            self,
-            coefficients=factor * self.coefficients,
-            formula=self._formula_times(factor),
-        )
+        formula = self.formula and self.formula.times(factor)
+        return replace(self, coefficients=factor * self.coefficients, formula=formula)
 
-    def evaluate(self, names: Mapping[str, T | float]) -> T | float:
+    def evaluate(self, names: Mapping[str, Any]) -> Array:
         """The force at the times under ``t``.
 
         Before the first and after the last sample the outermost polynomials are continued, only
-        to allow for round-off at the ends.
-
-        Raises
-        ------
-        ExpressionError
-            For values of any other algebra: samples are no formula.
+        to allow for round-off at the ends. At a knot the later polynomial holds.
         """
-        time = names["t"]
-        if not isinstance(time, np.ndarray | float | int):
-            raise ExpressionError(f"{self.source}: samples are not a formula")
-        samples: object = self._values(np.asarray(time, dtype=float))
-        if self.formula is not None:
-            samples = samples + self.formula.evaluate(names)  # type: ignore[operator]
-        return cast(T, samples)
-
-    def _values(self, time: Array) -> Array:
-        pieces = self._pieces(time)
+        time = np.asarray(names["t"], dtype=float)
+        pieces = np.searchsorted(self.knots, time, side="right") - 1
+        pieces = np.clip(pieces, 0, self.coefficients.shape[1] - 1)
         offset = time - self.knots[pieces]
         values = self.coefficients[0, pieces]
         for row in self.coefficients[1:]:
             values = values * offset + row[pieces]
-        return np.asarray(values)
-
-    def _pieces(self, time: Array) -> NDArray[np.intp]:
-        """Which polynomial holds at `time`; at a knot the later one."""
-        found = np.searchsorted(self.knots, time, side="right") - 1
-        return np.asarray(np.clip(found, 0, self.coefficients.shape[1] - 1))
+        return self._with_formula(values, time)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -154,41 +134,31 @@ class FunctionForce(_WithFormula):
     # the forcing
     function: Callable[[Array], Array]
     factor: float = 1.0  # what it is multiplied by
+    is_constant = False  # as far as is known of a function
 
     @property
     def text(self) -> str:
         """What the component is called in messages."""
         return str(getattr(self.function, "__name__", "a function"))
 
-    @property
-    def is_constant(self) -> bool:
-        """Never, as far as is known of a function."""
-        return False
-
     def scaled(self, factor: float) -> FunctionForce:
         """The force times a number."""
-        return replace(self, factor=factor * self.factor, formula=self._formula_times(factor))
+        formula = self.formula and self.formula.times(factor)
+        return replace(self, factor=factor * self.factor, formula=formula)
 
-    def evaluate(self, names: Mapping[str, T | float]) -> T | float:
+    def evaluate(self, names: Mapping[str, Any]) -> Array:
         """The force at the times under ``t``.
 
         Raises
         ------
         ExpressionError
-            For values of any algebra other than floating-point numbers, and where the function
-            gives another shape, or no real numbers.
+            Where the function gives another shape, or no real numbers.
         """
-        time = names["t"]
-        if not isinstance(time, np.ndarray | float | int):
-            raise ExpressionError(f"{self.text}: a function is not a formula")
-        times = np.asarray(time, dtype=float)
-        values = np.asarray(self.function(times))
-        if values.shape not in (times.shape, ()) or values.dtype.kind not in "fiu":
+        time = np.asarray(names["t"], dtype=float)
+        values = np.asarray(self.function(time))
+        if values.shape not in (time.shape, ()) or values.dtype.kind not in "fiu":
             raise ExpressionError(
                 f"{self.text}: it gives {values.dtype} of shape {values.shape} for times of shape "
-                f"{times.shape}; it must give a number for each"
+                f"{time.shape}; it must give a number for each"
             )
-        found = self.factor * np.broadcast_to(values.astype(float), times.shape)
-        if self.formula is not None:
-            found = found + self.formula.evaluate({"t": times})
-        return cast(T, found)
+        return self._with_formula(self.factor * np.broadcast_to(values, time.shape), time)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import reduce
+from numbers import Real
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -27,30 +27,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
-_LISTED: Final = {
-    "damping": (FractionalDamping, "fvi.FractionalDamping(order=0.5, coefficient=0.3)"),
-    "laws": (Law, "fvi.prony(...)"),
-}
-
-
-def listed_effects(name: str, given: object) -> tuple[Any, ...]:
-    """The terms under `damping` or `laws`.
-
-    Raises
-    ------
-    ValueError
-        If it is not a list of such terms; the message says what to write.
-    """
-    kind, example = _LISTED[name]
-    if not isinstance(given, list | tuple):
-        raise ArgumentError(name, f"a list is needed; write {name}=[{example}]")
-    for index, one in enumerate(given):
-        if not isinstance(one, kind):
-            other = next((key for key, (own, _) in _LISTED.items() if isinstance(one, own)), "")
-            what = f"a {type(one).__name__}" if other else repr(one)
-            advice = f"give it under {other}" if other else f"write {name}=[{example}]"
-            raise ArgumentError(f"{name}.{index}", f"{what} is no {kind.__name__}; {advice}")
-    return tuple(given)
+DERIVATIVES: Final = ("caputo", "riemann-liouville")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -65,11 +42,9 @@ class Scene:
     Raises
     ------
     ValueError
-        For sizes that do not match, values that are not finite, and Riemann-Liouville damping of
-        order > 1 with q0 != 0, whose force t**(-order) is not integrable at 0; for an object in
-        place of a potential that lacks functions or whose functions do not fit; for laws with
-        Riemann-Liouville derivatives and q0 != 0, and laws with a relaxed modulus beside a
-        Lagrangian.
+        For sizes that do not match, values that are not finite, objects that are no such effects,
+        Riemann-Liouville derivatives of an order above 1 or of laws with q0 != 0, and laws with a
+        relaxed modulus beside a Lagrangian.
     """
 
     inertia: Inertia  # with a Lagrangian: its mass matrix at the start
@@ -100,60 +75,50 @@ class Scene:
             if value.shape != (d,) or not np.isfinite(value).all():
                 raise ArgumentError(name, f"{d} finite numbers are needed, got {value.tolist()}")
             set_arrays(self, **{name: value})
-        try:
-            is_time = 0 < self.final_time < math.inf
-        except TypeError:
-            is_time = False
-        if not is_time:
+        end: Any = self.final_time
+        is_number = np.ndim(end) == 0 and isinstance(end, Real | np.ndarray)
+        if not (is_number and 0 < end < math.inf):
             raise ArgumentError(
                 "final_time", f"{self.final_time!r} is not allowed; it must be positive"
             )
+        object.__setattr__(self, "final_time", float(self.final_time))
         if self.lagrangian is not None and self.potential is not None:
             raise ArgumentError("potential", "a Lagrangian holds the potential energy already")
-        for name in _LISTED:
-            object.__setattr__(self, name, listed_effects(name, getattr(self, name)))
+        if self.potential is not None:
+            checked = checked_potential(self.potential, self.initial_position)
+            object.__setattr__(self, "potential", checked)
+        self._check_effects()
+        if self.derivative not in DERIVATIVES:
+            raise ArgumentError(
+                "derivative", f"{self.derivative!r} is not one of {', '.join(DERIVATIVES)}"
+            )
+        is_singular = self.derivative != "caputo" and np.any(self.initial_position != 0)
+        if is_singular and (self.laws or self.acts_above_order_1):
+            raise ArgumentError(
+                "derivative",
+                "riemann-liouville with a position that is not 0 at the start gives no integrable "
+                "force by orders above 1, and none by laws, which have relaxed before; use caputo",
+            )
+        self._relax()
+
+    def _check_effects(self) -> None:
+        """Refuse effects of another type or size."""
+        for name, kind in (("damping", FractionalDamping), ("laws", Law)):
+            given = getattr(self, name)
+            if not (isinstance(given, list | tuple) and all(isinstance(x, kind) for x in given)):
+                raise ArgumentError(name, f"{given!r} is no list of {kind.__name__}")
+            object.__setattr__(self, name, tuple(given))
         if self.forcing is not None and not isinstance(self.forcing, Forcing):
             raise ArgumentError("forcing", "no Forcing; write fvi.Forcing.from_text('sin(t)')")
-        potential = self.potential
-        if potential is not None:
-            potential = checked_potential(potential, self.initial_position)
-            object.__setattr__(self, "potential", potential)
-        effects = (
-            potential,
-            self.linear_potential,
-            self.lagrangian,
-            *self.damping,
-            *self.laws,
-            self.forcing,
-        )
-        for effect in effects:
-            if effect is not None and effect.dimension != d:
+        every: list[Any] = [self.potential, self.linear_potential, self.lagrangian, self.forcing]
+        for effect in (*every, *self.damping, *self.laws):
+            if effect is not None and effect.dimension != self.dimension:
                 raise ValueError(
-                    f"{type(effect).__name__} has {effect.dimension} components, the mass {d}"
+                    f"{type(effect).__name__} has {effect.dimension} components, the mass "
+                    f"{self.dimension}"
                 )
         if self.forcing is not None and (wrong := self.forcing.objection(self.final_time)):
             raise ArgumentError("forcing", wrong)
-        if self.derivative not in ("caputo", "riemann-liouville"):
-            raise ArgumentError(
-                "derivative", f"{self.derivative!r} is not one of caputo, riemann-liouville"
-            )
-        if self.derivative == "riemann-liouville" and np.any(self.initial_position != 0):
-            if self.laws:
-                raise ArgumentError(
-                    "derivative",
-                    "riemann-liouville is not for relaxation laws with a position that "
-                    "is not 0 at the start: they have relaxed before; use caputo",
-                )
-            for term in self.damping:
-                if term.order > 1 and term.is_active:
-                    raise ArgumentError(
-                        "derivative",
-                        f"riemann-liouville of order {term.order:g} with a position "
-                        "that is not 0 at the start gives a force t**(-order) that is not "
-                        "integrable; use caputo, or orders below 1",
-                    )
-
-        self._relax()
 
     def _relax(self) -> None:
         """Take the relaxed moduli of the laws into the potential."""
@@ -293,13 +258,11 @@ class Scene:
                 raise ArgumentError("energy", "the Lagrangian depends on t; give the time as well")
             at = 0.0 if time is None else time
             return self.lagrangian.energy(position, self.velocity(position, momentum, at), at)
-        kinetic = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
-        return np.asarray(kinetic + self.potential_energy(position))
-
-    def potential_energy(self, position: Array) -> Array:
-        """V(q) without forcing, in a scene without Lagrangian, shapes ``(..., d)`` to ``(...)``."""
-        parts = [one.energy(position) for one in (self.potential, self.linear_potential) if one]
-        return np.asarray(reduce(np.add, parts)) if parts else np.zeros(position.shape[:-1])
+        found = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
+        for one in (self.potential, self.linear_potential):
+            if one is not None:
+                found = found + one.energy(position)
+        return np.asarray(found)
 
     def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
         """The derivatives of L by v and q; M v and minus the gradient of V."""

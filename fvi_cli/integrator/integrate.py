@@ -7,9 +7,9 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
-from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.failure import no_unique_solution
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.memory.damping import law_objection
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for

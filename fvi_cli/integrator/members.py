@@ -8,14 +8,13 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import damping_of
-from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.decoupling import linear_decoupling
 from fvi_cli.integrator.engine.frame import longest_in_batch
 from fvi_cli.integrator.integrate import check_counts, integrate
+from fvi_cli.integrator.memory.damping import damping_of, pattern_of
 from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.meshes.graded import start_power
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import AnyMethod, Method, as_method
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.tables import step_tables
@@ -153,7 +152,7 @@ def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:
         [scene], method, shortest_step=mesh.shortest_step, steps=mesh.equivalent_steps
     )
     memory = None if damping is None else damping.memory
-    if not isinstance(memory, Exponentials) or memory.kernel is None:
+    if not isinstance(memory, Exponentials):
         return None
     return memory.kernel.rates.tobytes()
 

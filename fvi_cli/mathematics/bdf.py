@@ -13,7 +13,7 @@ from math import comb
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
@@ -79,6 +79,22 @@ def difference_weights(bdf_order: int, order: float, n_weights: int) -> Array:
     """
     exact = _check_arguments(bdf_order, order, n_weights)
     return _power_weights(bdf_order, exact - 1, exact, n_weights)
+
+
+def left_operator(bdf_order: int, exponent: float, step_size: float, values: ArrayLike) -> Array:
+    """The retarded operator, which acts on the past, of values ``(N + 1,)`` or ``(N + 1, d)``.
+
+    ``(J_- X)_k = h**-e sum_{n=0..k} w_n X_{k-n}``: for e in (0, 2] the left Riemann-Liouville
+    derivative of order e at ``t_k = k h``, for e in (-2, 0) the integral of order -e. Operators of
+    one formula and one step obey ``J^a J^b = J^(a+b)`` exactly, as their symbols are powers of one
+    series (Lubich 1986; Hariz Belgacem, Jimenez, Ober-Bloebaum, arXiv 2403.18362).
+    """
+    from scipy.linalg import matmul_toeplitz
+
+    samples = np.asarray(values, dtype=np.float64)
+    weights = convolution_weights(bdf_order, exponent, samples.shape[0])
+    above = np.zeros_like(weights)
+    return np.asarray(step_size**-exponent * matmul_toeplitz((weights, above), samples))
 
 
 def _check_bdf_order(bdf_order: int) -> None:

@@ -9,7 +9,6 @@ interpreter: no attribute, no comparison, no keyword, no call of anything that i
 from __future__ import annotations
 
 import ast
-import contextlib
 import difflib
 import keyword
 import math
@@ -24,15 +23,14 @@ import numpy as np
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder, Term, bound, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, compute
-from fvi_cli.mathematics.algebra.syntax import EVERY_PERIOD, syntax_tree
+from fvi_cli.mathematics.algebra.syntax import syntax_tree
 from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 
 LARGEST_DEPTH: Final = 500  # of the syntax tree
 MOST_NODES: Final = 5_000  # numbers, names and operators
-MOST_LISTED, MOST_NEAREST = 12, 10
-"""A complaint lists up to 12 known names; if there are more, the 10 nearest."""
+MOST_LISTED: Final = 12  # known names that a complaint lists; if there are more, the nearest
 
 CONSTANTS: Final[Mapping[str, float]] = MappingProxyType({"pi": math.pi, "e": math.e})
 _ALIASES: Final[Mapping[str, str]] = MappingProxyType(
@@ -40,14 +38,7 @@ _ALIASES: Final[Mapping[str, str]] = MappingProxyType(
     | {"ln": "log"}
 )
 _JUMPS: Final = "; give a force that jumps in pieces, so that the jump can lie on a step"
-_ADVICE: Final[Mapping[str, str]] = MappingProxyType(
-    {
-        **dict.fromkeys(("heaviside", "step"), _JUMPS),
-        **dict.fromkeys(("mod", "fmod", "remainder"), EVERY_PERIOD),
-        **{f"{name}imum": f"; did you mean {name!r}?" for name in ("min", "max")},
-    }
-)
-
+_ADVICE: Final[Mapping[str, str]] = MappingProxyType({"heaviside": _JUMPS, "step": _JUMPS})
 
 EXTREMA: Final = ("min", "max")
 """Functions of several arguments."""
@@ -58,7 +49,6 @@ FUNCTION_NAMES: Final[frozenset[str]] = frozenset({*NUMPY_FUNCTIONS, *_ALIASES})
 _BINARY: Final[Mapping[type[ast.operator], str]] = MappingProxyType(
     {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 )
-
 
 NO_SYSTEM: Final = FormulaSystem(instructions=(), outputs=())
 
@@ -102,10 +92,8 @@ class Expression:
         """
         if isinstance(text, bool) or not isinstance(text, str | int | float):
             raise ExpressionError(f"{text!r} is neither a number nor an expression")
-        if not isinstance(text, str):
-            text = _number_as_text(text)
-        named = tuple(sorted((constants or {}).items()))
-        return cls(text, tuple(variables), named)
+        written = text if isinstance(text, str) else repr(_finite(text))
+        return cls(written, tuple(variables), tuple(sorted((constants or {}).items())))
 
     @classmethod
     def of_number(
@@ -113,7 +101,7 @@ class Expression:
     ) -> Expression:
         """A number as a constant with a name, by which programs are differentiated."""
         system = FormulaSystem(instructions=(("variable", name),), outputs=(0,))
-        return cls(_number_as_text(value), tuple(variables), ((name, float(value)),), system)
+        return cls(repr(_finite(value)), tuple(variables), ((name, float(value)),), system)
 
     @property
     def bound(self) -> FormulaSystem:
@@ -157,24 +145,24 @@ class Expression:
         }
         builder = Builder()
         (left,), (right,) = builder.include(self.system, mine), builder.include(other.system, fixed)
-        pair = (right, left) if kind == "*" else (left, right)
         kept = {name: value for name, value in theirs.items() if name not in fixed}
         kept |= {name: value for name, value in own.items() if name not in mine}
         return Expression(
             text,
             tuple(dict.fromkeys((*self.variables, *other.variables))),
             tuple(sorted(kept.items())),
-            builder.system([builder.apply(kind, *pair)]),
+            builder.system([builder.apply(kind, left, right)]),
         )
 
     def expand(self, formulas: Mapping[str, Expression]) -> Expression:
         """The formula with variables replaced by formulas, given by the names of the variables."""
-        used = self.names.intersection(formulas)
-        if not used:
-            return self
         builder = Builder()
-        terms = {name: builder.include(formulas[name].system)[0] for name in sorted(used)}
-        return replace(self, system=builder.system(builder.include(self.system, terms)))
+        terms = {
+            name: builder.include(formulas[name].system)[0]
+            for name in sorted(self.names.intersection(formulas))
+        }
+        system = builder.system(builder.include(self.system, terms))
+        return replace(self, system=system) if terms else self
 
     def evaluate(
         self,
@@ -212,22 +200,24 @@ def slopes_system(system: FormulaSystem, names: tuple[str, ...]) -> FormulaSyste
     return derivatives(system, [{name: 1.0} for name in names])
 
 
-def _number_as_text(number: float) -> str:
+def _finite(number: float, column: int | None = None) -> float:
     try:
         value = float(number)
     except OverflowError:
-        raise ExpressionError("the number is larger than 1.8e308") from None
-    if not math.isfinite(value):
-        raise ExpressionError(f"{value!r} is not a finite number")
-    return repr(value)
+        value = math.inf
+    if math.isnan(value):
+        raise ExpressionError("nan is not a finite number", column)
+    if math.isinf(value):
+        raise ExpressionError("the number is larger than 1.8e308", column)
+    return value
 
 
 @lru_cache(maxsize=1024)
 def _translate(
     text: str, variables: tuple[str, ...], constants: tuple[tuple[str, float], ...]
 ) -> FormulaSystem:
-    values = {**CONSTANTS, **dict(constants)}
-    _check_names(variables, constants)
+    given = dict(constants)
+    _check_names(variables, given)
     builder = Builder()
     done: list[tuple[Term, float | None]] = []
     # Depth first without recursion: the second visit of a node makes its term.
@@ -245,18 +235,17 @@ def _translate(
                 f"{LARGEST_DEPTH} deep"
             )
         if isinstance(node, ast.Constant):
-            number = _literal(node)
+            if isinstance(node.value, bool) or not isinstance(node.value, int | float):
+                raise ExpressionError(f"{node.value!r} is not allowed; use real numbers", _at(node))
+            number = _finite(node.value, _at(node))
             done.append((builder.number(number), number))
         elif isinstance(node, ast.Name):
-            name = node.id
-            if name in dict(constants):
-                done.append((builder.variable(name), float(values[name])))
-            elif name in variables:
-                done.append((builder.variable(name), None))
-            elif name in values:
-                done.append((builder.number(values[name]), values[name]))
+            if node.id in variables or node.id in given:
+                done.append((builder.variable(node.id), given.get(node.id)))
+            elif node.id in CONSTANTS:
+                done.append((builder.number(CONSTANTS[node.id]), CONSTANTS[node.id]))
             else:
-                raise _unknown_name(node, [*variables, *values])
+                raise _unknown_name(node, [*variables, *given, *CONSTANTS])
         else:
             kind, operands = _operation(node)
             if kind:
@@ -265,77 +254,50 @@ def _translate(
     return builder.system([done[0][0]])
 
 
-def _check_names(variables: tuple[str, ...], constants: tuple[tuple[str, float], ...]) -> None:
-    names = (*variables, *(name for name, _ in constants))
-    for name in names:
+def _check_names(variables: tuple[str, ...], constants: Mapping[str, float]) -> None:
+    seen: set[str] = set()
+    for name in (*variables, *constants):
         if not (name.isascii() and name.isidentifier()) or keyword.iskeyword(name):
             raise ExpressionError(
                 f"{name!r} cannot be a variable; use letters, digits and _, no Python keyword"
             )
         if name in FUNCTION_NAMES or name == "pi":
             raise ExpressionError(f"{name!r} cannot be a variable; the name has a meaning already")
-    for name in reversed(names):
-        if names.count(name) > 1:
+        if name in seen:
             raise ExpressionError(
                 f"{name!r} cannot be a parameter: it has a meaning here already; write another, "
                 f"such as {name}_0"
             )
-    for name, value in constants:
+        seen.add(name)
+    for name, value in constants.items():
         if not math.isfinite(value):
             raise ExpressionError(f"the constant {name} = {value!r} is not finite")
-
-
-def _literal(node: ast.Constant) -> float:
-    value = node.value
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ExpressionError(f"{value!r} is not allowed; use real numbers", node.col_offset)
-    with contextlib.suppress(OverflowError):
-        if math.isfinite(number := float(value)):
-            return number
-    raise ExpressionError("the number is larger than 1.8e308", node.col_offset)
-
-
-_LIBRARIES: Final = ("np", "numpy", "math", "cmath", "mpmath", "sp", "scipy")
-_THEIR_NAMES: Final[Mapping[str, str]] = MappingProxyType(
-    {"minimum": "min", "maximum": "max", "absolute": "abs", "fabs": "abs", "power": "**"}
-)
-
-
-def _of_library(node: ast.expr) -> str:
-    """What to write for a function or number of a library, such as ``np.sin``; else empty."""
-    target = node.func if isinstance(node, ast.Call) else node
-    if not (isinstance(target, ast.Attribute) and isinstance(target.value, ast.Name)):
-        return ""
-    name = _THEIR_NAMES.get(target.attr, target.attr)
-    if target.value.id not in _LIBRARIES or name not in {*FUNCTION_NAMES, *CONSTANTS, "**"}:
-        return ""
-    written = name if name in CONSTANTS else "a**b" if name == "**" else f"{name}(...)"
-    return f"write {written} without '{target.value.id}.'"
 
 
 def _unknown_name(node: ast.Name, known: Sequence[str]) -> ExpressionError:
     name = node.id
     if name in FUNCTION_NAMES:
-        return ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _col(node))
-    message = _unknown("name", name, known)
-    return ExpressionError(message, _col(node), name, tuple(sorted(known)))
+        return ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _at(node))
+    velocity = f"v{name.removesuffix('dot').removesuffix('_')}"
+    if name.endswith("dot") and velocity in known:
+        message = f"unknown name {name!r}; the velocity is written {velocity}"
+    else:
+        message = _unknown("name", name, known)
+    return ExpressionError(message, _at(node), name, tuple(sorted(known)))
 
 
 def _unknown(what: str, name: str, known: Sequence[str]) -> str:
     begins = sorted((one for one in known if len(one) > 2 and name.startswith(one)), key=len)
     nearest = begins[-1:] or difflib.get_close_matches(name, known, n=1)
     guess = f"; did you mean {nearest[0]!r}?" if nearest else ""
-    velocity = f"v{name.removesuffix('dot').removesuffix('_')}"
-    if name.endswith("dot") and velocity in known:
-        guess = f"; the velocity is written {velocity}"
     names, shown = sorted(known), "known"
     if what == "name" and len(names) > MOST_LISTED:
-        shown = f"{MOST_NEAREST} of {len(names)} known"
-        names = difflib.get_close_matches(name, names, n=MOST_NEAREST, cutoff=0.0)
+        names = difflib.get_close_matches(name, names, n=MOST_LISTED, cutoff=0.0)
+        shown = f"{MOST_LISTED} of {len(known)} known"
     return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} ({shown}: {', '.join(names)})"
 
 
-def _col(node: ast.expr) -> int:
+def _at(node: ast.expr) -> int:
     # Column 0 of the source is the added parenthesis, so this already counts from 1.
     return max(node.col_offset, 1)
 
@@ -346,21 +308,19 @@ def _operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
         return _BINARY[type(node.op)], [node.left, node.right]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.UAdd | ast.USub):
         return "negate" if isinstance(node.op, ast.USub) else "", [node.operand]
-    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-        name = node.func.id
-        if name not in FUNCTION_NAMES:
-            raise ExpressionError(_unknown("function", name, sorted(FUNCTION_NAMES)), _col(node))
-        is_plain = not node.keywords and not any(isinstance(a, ast.Starred) for a in node.args)
-        if name in EXTREMA and (len(node.args) < 2 or not is_plain):
-            raise ExpressionError(f"{name} takes two arguments or more: {name}(a, b)", _col(node))
-        if name not in EXTREMA and (len(node.args) != 1 or not is_plain):
-            raise ExpressionError(f"{name} takes exactly one argument", _col(node))
-        return _ALIASES.get(name, name), node.args
-    if instead := _of_library(node):
-        raise ExpressionError(instead, _col(node))
-    raise ExpressionError(
-        "only numbers, names, + - * / **, parentheses and functions are allowed", _col(node)
-    )
+    if not (isinstance(node, ast.Call) and isinstance(node.func, ast.Name)):
+        raise ExpressionError(
+            "only numbers, names, + - * / **, parentheses and functions are allowed", _at(node)
+        )
+    name = node.func.id
+    if name not in FUNCTION_NAMES:
+        raise ExpressionError(_unknown("function", name, sorted(FUNCTION_NAMES)), _at(node))
+    is_plain = not node.keywords and not any(isinstance(a, ast.Starred) for a in node.args)
+    if name in EXTREMA and (len(node.args) < 2 or not is_plain):
+        raise ExpressionError(f"{name} takes two arguments or more: {name}(a, b)", _at(node))
+    if name not in EXTREMA and (len(node.args) != 1 or not is_plain):
+        raise ExpressionError(f"{name} takes exactly one argument", _at(node))
+    return _ALIASES.get(name, name), node.args
 
 
 def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, count: int) -> None:
@@ -380,5 +340,5 @@ def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, coun
                 Builder().number(value)
             first = (terms[0].builder.apply(kind, *terms), value)
     except ExpressionError as error:
-        raise ExpressionError(error.message, _col(node)) from None
+        raise ExpressionError(error.message, _at(node)) from None
     done.append(first)

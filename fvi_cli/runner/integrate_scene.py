@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Method, as_method
 from fvi_cli.integrator.observations.dampers import damper_values
@@ -107,8 +107,8 @@ def integrate(
         with_steps=with_steps,
     )
     remarks: tuple[str, ...] = ()
-    if scene.forcing is not None and not isinstance(n_steps, AdaptiveSteps):
-        longest = found.step_size
+    if scene.forcing is not None:
+        longest = 0.0 if isinstance(n_steps, AdaptiveSteps) else found.step_size
         if isinstance(n_steps, Mesh):
             longest = float(np.diff(n_steps.times).max())
         remarks = scene.forcing.remarks(scene.final_time, longest)

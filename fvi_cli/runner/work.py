@@ -6,7 +6,6 @@ import functools
 import io
 import logging
 import pickle
-import threading
 import traceback
 import warnings
 from collections.abc import Callable, Mapping, Sequence
@@ -214,10 +213,6 @@ def lost_run(run: Run, message: str) -> FinishedRun:
 # --- other processes ------------------------------------------------------------------------------
 
 
-_ONE_AT_A_TIME = threading.Lock()
-"""Held while a worker computes: threads of a Dask worker would share the precision of mpmath."""
-
-
 class _Pickler(pickle.Pickler):
     """Leaves out the problem of an experiment, which the receiver builds from its specification."""
 
@@ -265,5 +260,4 @@ def compute_packed(sent: tuple[str, bytes]) -> Computed:
     version, content = sent
     if version != VERSION:
         raise ExecutorError(f"it has {VERSION} in place of {version}; install the same everywhere")
-    with _ONE_AT_A_TIME:
-        return compute(pickle.loads(content))  # noqa: S301 - made by the parent process
+    return compute(pickle.loads(content))  # noqa: S301 - made by the parent process

@@ -22,23 +22,20 @@ ROUND_OFF = 1e-13
 def objection(exact: Callable[[Array], Array], scene: Scene) -> str:
     """Why `exact` does not begin with the initial data of `scene`; empty: it does."""
     start, velocity, end = scene.initial_position, scene.initial_velocity, scene.final_time
+    steps = end * np.array(RATE_STEPS)
     with np.errstate(all="ignore"):
         values, found = exact(np.linspace(0.0, end, 257)), exact(np.zeros(1))[0]
-        steps: Array = end * np.array(RATE_STEPS)
         rates = (exact(steps) - found) / steps[:, None]
     size = float(np.abs(values).max(initial=0.0))
     if np.abs(found - start).max() > TOLERANCE * max(size, float(np.abs(start).max())):
         return f"is {_numbers(found)} at t = 0, but initial.position is {_numbers(start)}"
     wrong = np.abs(rates - velocity).max(axis=1)
     scale = max(float(np.abs(velocity).max()), size / end)
+    least = 100 * TOLERANCE * scale + ROUND_OFF * size / float(steps[-1])
     # a difference that shrinks with the step is curvature, also that of many periods
-    if wrong[-1] > max(
-        100 * TOLERANCE * scale + ROUND_OFF * size / float(steps[-1]), 0.6 * float(wrong[-2])
-    ):
-        return (
-            f"has the derivative {_numbers(rates[-1])} at t = 0, but initial.velocity is "
-            f"{_numbers(velocity)}"
-        )
+    if wrong[-1] > max(least, 0.6 * float(wrong[-2])):
+        rate = _numbers(rates[-1])
+        return f"has the derivative {rate} at t = 0, but initial.velocity is {_numbers(velocity)}"
     return ""
 
 

@@ -25,7 +25,6 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import bound, derivatives, negative, terms_with
-from fvi_cli.mathematics.algebra.dependence import constant_values, kinks_of
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import singular_words
@@ -212,7 +211,7 @@ def _recognise(
     parameters = dict(expression.constants)
     general = Lagrangian(coordinates=names, value=expression.system, parameters=parameters)
     d, every = len(names), (*names, *velocities, TIME)
-    kinks = kinks_of(expression.system)
+    kinks = expression.system.kinked
     masses = general.second[2 * d : 2 * d + d * d]
     mass = None if kinks & set(velocities) else _matrix(masses, parameters, every)
     if mass is None:
@@ -220,7 +219,7 @@ def _recognise(
     _check_mass(mass, velocities, "")
     at_rest = dict.fromkeys(velocities, 0.0)
     try:
-        momenta = constant_values(bound(general.first[:d], at_rest), parameters, every)
+        momenta = bound(general.first[:d], at_rest).constants(parameters, every)
         if momenta is None or any(momenta):
             return _Recognised(general=general)
         separated = _separate(general, at_rest, is_smooth=not kinks & set(names))
@@ -262,8 +261,8 @@ def _separate(
         loads = bound(forces, origin)
         return potential, _linear(static, loads, origin, parameters), _forces(loads, parameters)
     moving = derivatives(timed, along)[1:]
-    rest = constant_values(derivatives(moving, along)[len(names) :], parameters, (*names, TIME))
-    if rest is None or any(rest) or kinks_of(timed) & set(names):
+    rest = derivatives(moving, along)[len(names) :].constants(parameters, (*names, TIME))
+    if rest is None or any(rest) or timed.kinked & set(names):
         return None
     own = _forces(bound(moving, origin), parameters)
     energy = Expression(
@@ -286,11 +285,11 @@ def _linear(
 ) -> LinearPotential | None:
     """The constant and linear terms of -L at rest without t; None where all are 0."""
     along = [{name: 1.0} for name in origin]
-    values = constant_values(bound(derivatives(static, along), origin), parameters, (TIME,))
+    values = bound(derivatives(static, along), origin).constants(parameters, (TIME,))
     if values is None:  # pragma: no cover - neither q, v nor t is left
         return None
     # exactly the acting forces where none of them depends on t
-    force = constant_values(loads, parameters, (TIME,)) or values[1:]
+    force = loads.constants(parameters, (TIME,)) or values[1:]
     if not values[0] and not any(force):
         return None
     return LinearPotential(offset=-values[0], force=np.array(force))
@@ -300,7 +299,7 @@ def _forces(
     system: FormulaSystem, parameters: Mapping[str, float]
 ) -> tuple[Expression, ...] | None:
     """Forces in t; None where all are 0."""
-    if constant_values(system, parameters, (TIME,)) == [0.0] * len(system.outputs):
+    if system.constants(parameters, (TIME,)) == [0.0] * len(system.outputs):
         return None
     constants = tuple(sorted(parameters.items()))
     return tuple(
@@ -313,7 +312,7 @@ def _matrix(
     entries: FormulaSystem, parameters: Mapping[str, float], names: Sequence[str]
 ) -> Array | None:
     """The matrix of numbers; None if an entry still depends on a variable."""
-    values = constant_values(entries, parameters, names)
+    values = entries.constants(parameters, names)
     if values is None:
         return None
     size = math.isqrt(len(values))

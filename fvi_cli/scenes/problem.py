@@ -22,7 +22,6 @@ class Problem:
     exact: Callable[[Array], Array] | None = None
     # source of `exact`, such as ``expression`` or ``closed form``; or the reason why there is none
     exact_source: str = "unknown"
-    exact_error: float = 0.0  # bound on the round-off of `exact`, a length
     equation: str = ""  # the equation of motion in plain text
     coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have no names
     # inputs with one component by their names in expressions; None: the input is zero

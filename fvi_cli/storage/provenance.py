@@ -15,7 +15,7 @@ from pathlib import Path
 import fvi_cli
 
 UNKNOWN = "unknown"
-_PACKAGES = ("numpy", "scipy", "mpmath", "h5py", "PyYAML", "matplotlib")
+_PACKAGES = ("numpy", "scipy", "h5py", "PyYAML", "matplotlib")
 _GIT_SECONDS = 10.0
 _PACKAGE = Path(fvi_cli.__file__).resolve().parent
 

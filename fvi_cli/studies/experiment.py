@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.break_points import fits_break_points
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.observations.request import Observations
@@ -223,7 +222,7 @@ class Run(Subject):
     def times(self) -> NDArray[np.float64]:
         """The times that a complete run reports, shape ``(N + 1,)``."""
         steps, scene = self.steps, self.problem.scene
-        if isinstance(steps, int) and scene is not None and not fits_break_points(scene, steps):
+        if isinstance(steps, int) and scene is not None and scene.break_points:
             steps = uniform_mesh(scene.final_time, steps, scene.break_points)
         if isinstance(steps, Mesh):
             return steps.times

@@ -11,9 +11,8 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.local_error.forces import SceneForces
 from fvi_cli.integrator.members import integrate_members
-from fvi_cli.integrator.meshes.samples import sample_forces
+from fvi_cli.integrator.meshes.looks import is_steep
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -52,8 +51,8 @@ class Reference:
     """Function of times, shape ``(n,)`` to ``(n, d)``: an exact solution, polynomials of a run, or
     :class:`Tabulated`; nan where nothing is known."""
     error: float
-    """Estimated error of the values in the maximum norm: for an exact solution its round-off; nan
-    where nothing is known."""
+    """Estimated error of the values in the maximum norm: 0 for an exact solution; nan where nothing
+    is known."""
     source: str  # description for readers of tables
     _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
@@ -190,15 +189,14 @@ def _reference(problem: AnyProblem, difference: float | None) -> Reference:
 
 
 def _exact(problem: AnyProblem, exact: Callable[[Array], Array]) -> Reference:
-    error = problem.exact_error if isinstance(problem, Problem) else 0.0
-    return Reference(values=exact, error=error, source=problem.exact_source)
+    return Reference(values=exact, error=0.0, source=problem.exact_source)
 
 
 def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
     """Differences of exact solutions from runs where they are significant, by index of problem.
 
-    A difference is significant if two runs agree to a tenth of it, and it is more than ten times
-    the round-off of the exact solution and more than :data:`CHECK_TOLERANCE` times the motion.
+    A difference is significant if two runs agree to a tenth of it, and it is more than
+    :data:`CHECK_TOLERANCE` times the motion.
     """
     held = {k: one for k, one in enumerate(problems) if isinstance(one, Problem) and one.exact}
     scenes = [one.scene for one in held.values()]
@@ -210,11 +208,7 @@ def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
         with np.errstate(all="ignore"):
             own = np.abs(fine(coarse.time) - coarse.position).max()
             difference = float(np.abs(problem.exact(fine.time) - fine.position).max())
-        least = max(
-            own,
-            problem.exact_error,
-            CHECK_TOLERANCE / ERROR_FACTOR * float(np.abs(fine.position).max()),
-        )
+        least = max(own, CHECK_TOLERANCE / ERROR_FACTOR * float(np.abs(fine.position).max()))
         if not difference <= ERROR_FACTOR * least:
             found[k] = difference if math.isfinite(difference) else math.inf
     return found
@@ -244,11 +238,9 @@ def _in_words(error: float, scale: float) -> str:
 
 def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
-    scale, samples = likely_amplitude(scene) or 1.0, sample_forces(scene)
-    is_rough = SceneForces(scene).is_steep
-    better, worse = (
-        AdaptiveRuns(scene, degree, samples=samples, most_steps=MOST_STEPS) for degree in (8, 10)
-    )
+    scale = likely_amplitude(scene) or 1.0
+    is_rough = is_steep(scene)
+    better, worse = (AdaptiveRuns(scene, degree, most_steps=MOST_STEPS) for degree in (8, 10))
     for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
         runs = [better.run(tolerance * scale), worse.run(3.0 * tolerance * scale)]
         if is_rough:

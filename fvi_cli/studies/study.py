@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.observe import integrate_requested
 from fvi_cli.integrator.observations.observer import Pair
@@ -20,7 +20,7 @@ from fvi_cli.integrator.stability.prediction import (
     predict_stability,
 )
 from fvi_cli.integrator.trajectory import Status, Trajectory
-from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights

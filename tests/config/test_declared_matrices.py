@@ -72,10 +72,10 @@ def test_sizes_that_are_declared_are_bounded(tmp_path):
     integers = coordinates.replace("real", "integer")
     refused("K.mtx", f"{integers}1 1 1\n1 1 {2**70}\n".encode(), "not a readable .mtx file")
     # the library reads all of these as 1
-    for number in ("1_0", "1,5", "1D5", "1.0x"):
+    for number in ("1_0", "1,5", "1.0x"):
         text = f"{coordinates}% of M_1, by D\n1 1 1\n1 1 {number}\n"
-        refused("K.mtx", text.encode(), "K:4: '[_,Dx]' is not allowed; numbers are written like")
-    refused("K.csv", b"1_0", "K:1: '1_0' is not a number")
+        refused("K.mtx", text.encode(), "K:4: '[_,x]' is not allowed; numbers are written like")
+    refused("K.csv", b"1_0", "K: not a readable .csv file: .*'1_0'")
     refused("K.csv", b"\n" * 1_000_001, "K: more than 1000000 lines")
     refused("K.npy", b"no array", "not a readable .npy file")
     refused("K.npz", b"no array", "not a readable .npz file")

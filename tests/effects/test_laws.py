@@ -24,14 +24,14 @@ LAWS = {
 def test_the_transform_is_the_integral_over_the_spectrum(name, s):
     kernel = LAWS[name].kernel
     total = sum(weight / (s + rate) for rate, weight in kernel.masses)
-    if kernel.ends is not None:
+    if kernel.peak is not None:
 
         def integrand(u: mp.mpf) -> mp.mpc:
             y = mp.exp(u)
             return mp.exp(float(kernel.log_density(np.array(float(u))))) / (s + y)
 
         # far away the density is a power, whose integral is the last value over the exponent
-        low, high = kernel.ends
+        low, high = kernel.order, -kernel.order
         places = [-60, -20, -5, -1, 0, 1, 2, 5, 20, 60]
         total = mp.quad(integrand, places)
         total += integrand(mp.mpf(-60)) / low + integrand(mp.mpf(60)) / (1 - high)

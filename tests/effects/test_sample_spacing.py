@@ -33,6 +33,19 @@ def test_records_of_any_spacing(seed: int) -> None:
     )
 
 
+@pytest.mark.parametrize("scale", [1e-3, 1.0, 1e6])
+def test_a_gap_is_remarked_on(scale: float) -> None:
+    """81 intervals from .2 to 1.01: the force in them is a straight line."""
+    knots = scale * np.concatenate([np.arange(0.0, 0.205, 0.01), np.arange(1.01, 2.005, 0.01)])
+    forcing = Forcing.from_samples(knots, np.cos(knots / scale))
+    (said,) = forcing.remarks(2.0 * scale, 0.005 * scale)
+    assert said == f"samples: component 1 has a gap of 81 intervals after t = {0.2 * scale:g}"
+    # the control: up to ten intervals, and gaps behind the end
+    assert forcing.remarks(0.2 * scale, 0.005 * scale) == ()
+    nine = np.delete(scale * np.arange(0.0, 2.0, 0.01), slice(20, 29))
+    assert Forcing.from_samples(nine, nine).remarks(scale, 0.005 * scale) == ()
+
+
 def test_runs_say_so_on_the_finest_steps_of_a_ladder(tmp_path: Path) -> None:
     times = np.linspace(0.0, 10.0, 101)
     path = tmp_path / "record.csv"

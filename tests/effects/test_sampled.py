@@ -5,9 +5,10 @@ import pytest
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.powers import Powers
+from fvi_cli.scenes.data import linear_oscillator
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
@@ -53,12 +54,6 @@ def test_factors_and_formulas_are_added_up():
     assert SampledForce.through(TIME, 0 * VALUES + 3, "linear").is_constant
 
 
-def test_samples_are_no_formula():
-    force = SampledForce.through(TIME, VALUES, "linear")
-    with pytest.raises(ExpressionError, match="not a formula"):
-        force.evaluate({"t": Powers.variable()})
-
-
 def test_knots_are_no_break_points():
     force = SampledForce.through(TIME, VALUES, "linear")
     other = Expression.parse("t", ("t",))
@@ -66,3 +61,22 @@ def test_knots_are_no_break_points():
     assert forcing.break_points == ()
     assert forcing.samples == (force,)
     np.testing.assert_allclose(forcing(np.array([1.1])), [[2.25, 1.1]])
+
+
+def test_values_that_hold_until_the_next():
+    """One-sided on steps that begin and end at the jumps, and a motion by its own formula."""
+    force = SampledForce.through(TIME, VALUES, "previous")
+    assert at(force, np.array([0.0, 0.29, 0.3, 0.99, 1.1, 1.9])).tolist() == [1, 1, -2, -2, 0.5, 4]
+    forcing = Forcing(pieces=(ForcingPiece(components=(force,)),))
+    starts = np.array([0.3, 1.0])
+    for start, value in zip(starts, VALUES[1:3], strict=True):
+        width = TIME[start < TIME][0] - start
+        found = forcing.on_steps(np.array([start]), width, np.array([0.0, 0.5, 1.0]))
+        assert found.ravel().tolist() == [value] * 3
+    scene = linear_oscillator(stiffness=0.0, final_time=2.0, forcing=forcing)
+    run = integrate(scene, Method(cq="gauss", degree=3), 20)
+    exact = sum(
+        change * np.maximum(run.time - begin, 0.0) ** 2 / 2
+        for begin, change in zip(TIME[:-1], np.diff(VALUES[:-1], prepend=0.0), strict=True)
+    )
+    np.testing.assert_allclose(run.position[:, 0], exact, atol=1e-13)

@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 import yaml
 
-from fvi_cli.integrator.damping.damping import law_objection
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.damping import law_objection
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict_stability
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.transforms.characteristic import characteristic_zeros
-from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.registry import build_scene
-from fvi_cli.scenes.relaxation import LinearResponse, product
 from fvi_cli.studies.members import with_values
+from tests.oracles.characteristic import characteristic_zeros
+from tests.oracles.linear_response import match_scene
 from tests.oracles.memory_work import Array, fractional_integral, work_along
+from tests.oracles.relaxation import LinearResponse, product
 
 FLAGSHIP = "Gauss3"
 """The method for which all claims hold."""

@@ -13,7 +13,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import baselines
 from fvi_cli.integrator.baselines import BLOCK, trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 

@@ -10,9 +10,9 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loads.step_loads import StepLoads
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
+from fvi_cli.integrator.loads import StepLoads
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
+from fvi_cli.integrator.meshes.graded import graded_start_mesh
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import step_tables

@@ -14,7 +14,7 @@ from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import kepler

@@ -3,18 +3,19 @@
 from dataclasses import replace
 from unittest.mock import patch
 
+import mpmath
 import numpy as np
 import pytest
 from letters import spring, swing
+from oracles.linear_response import match_scene
 from scipy.special import gamma as gamma_function
 from spread import spread
 
+from fvi_cli.integrator import starting_weights as starting_weights_module
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.starts import starting_weights as starting_weights_module
-from fvi_cli.integrator.starts.starting_weights import starting_weights
+from fvi_cli.integrator.starting_weights import starting_weights
 from fvi_cli.mathematics.bdf import convolution_weights
-from fvi_cli.scenes.linear_response import match_scene
 
 
 @spread(offset=[0.0, 0.21], order=[0.5, 1.0, 1.5], bdf_order=[1, 3, 6])
@@ -83,39 +84,39 @@ def weights(*powers: float, bdf_order: int = 2) -> Method:
     return Method(cq=f"bdf{bdf_order}", degree=degree, start="weights", start_exponents=powers)
 
 
-def test_ill_conditioned_weights_are_reported():
-    scene, _ = oscillator(0.5, x0=1.0)
-    good = integrate(scene, weights(1.0), 64)
-    bad = integrate(scene, weights(*np.arange(2, 11) / 2, bdf_order=6), 64)
-    assert "ill conditioned" not in good.remarks[0]
-    assert "ill conditioned" in bad.remarks[0]
-
-
-def test_weights_are_left_out_where_there_are_too_few_steps():
-    scene, _ = oscillator(0.5)
-    trajectory = integrate(scene, weights(1.0, 2.5, 3.0, 4.0, 4.5, bdf_order=6), 4)
-    assert "too few" in trajectory.remarks[0]
-
-
 CROWDED = (1.0, *(round(2.0 + 0.1 * k, 1) for k in range(9)))
 """Powers of a motion with order 1.9, too close to each other."""
 
 
-def test_weights_that_leave_too_few_digits_are_left_out():
+@spread(offset=[0.0, 0.21, 0.79], powers=[(0.5,), (1.0, 1.5, 2.0, 2.5), CROWDED])
+def test_digits_of_the_inverse_are_those_of_more_digits(offset, powers):
+    found, condition = starting_weights_module._inverse_vandermonde(offset, powers)
+    with mpmath.workdps(80):
+        nodes = [mpmath.mpf(offset) + k + (offset == 0) for k in range(len(powers))]
+        exact = mpmath.inverse(mpmath.matrix([[x ** mpmath.mpf(e) for x in nodes] for e in powers]))
+        high = np.array(exact.tolist(), dtype=float).reshape(found.shape)
+    assert np.allclose(found.astype(float), high, rtol=4e-16, atol=0)
+    assert condition < 1e4 or len(powers) > 4
+
+
+@pytest.mark.parametrize(
+    ("powers", "bdf_order", "n_steps", "words"),
+    [(CROWDED, 2, 100, "too few digits"), ((1.0, 2.5, 3.0, 4.0, 4.5), 6, 4, "5 steps or more")],
+)
+def test_weights_without_digits_or_steps_are_refused(powers, bdf_order, n_steps, words):
     scene = swing((1.9, 0.3), T=4.0, x=1.0, v=0.3)
-    method = weights(*CROWDED)
-    found = integrate(scene, method, 100)
-    assert "left out" in found.remarks[0]
-    assert "condition" in found.remarks[0]
-    plain = replace(method, start="none", start_exponents=())
-    assert np.array_equal(found.position, integrate(scene, plain, 100).position)
-    # the control
+    degree = (bdf_order + 1) // 2
+    method = Method(cq=f"bdf{bdf_order}", degree=degree, start="weights", start_exponents=powers)
+    with pytest.raises(ValueError, match=words):
+        integrate(scene, method, n_steps)
+
+
+def test_the_limit_of_the_condition_keeps_digits():
+    """The control: beyond it the errors are above those without weights."""
+    scene = swing((1.9, 0.3), T=4.0, x=1.0, v=0.3)
+    plain = Method(cq="bdf2", degree=1)
     with patch.object(starting_weights_module, "CONDITION_LIMIT", np.inf):
-        ruined = integrate(scene, method, 100)
+        ruined = integrate(scene, replace(plain, start="weights", start_exponents=CROWDED), 100)
     exact = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 100).position
-    assert np.abs(ruined.position - exact).max() > 10 * np.abs(found.position - exact).max()
-
-
-def test_powers_are_given():
-    with pytest.raises(ValueError, match="missing: the powers"):
-        Method(cq="bdf2", degree=1, start="weights")
+    without = integrate(scene, plain, 100).position
+    assert np.abs(ruined.position - exact).max() > 10 * np.abs(without - exact).max()

@@ -9,9 +9,8 @@ from letters import in_pieces, spring
 from spread import spread
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.break_points import nearest_fitting, steps_at_break_points
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -55,18 +54,6 @@ def test_exact_moments_of_powers(power):
 def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
     parts = [part for i, end in enumerate(ends) for part in (str(i), end)]
     return spring(T=final_time, forcing=in_pieces(*parts, str(len(ends))))
-
-
-def test_break_points_on_the_grid():
-    scene = piecewise(1.0, 1.5)
-    assert steps_at_break_points(scene, 6) == (2, 3)
-    assert steps_at_break_points(scene, 600) == (200, 300)
-    with pytest.raises(ValueError, match="inside a step; the nearest that fit are 6 and 12"):
-        steps_at_break_points(scene, 8)
-    assert nearest_fitting(scene.break_points, scene.final_time, 1) == (0, 6)
-    # break points beyond the end do not matter
-    assert steps_at_break_points(piecewise(4.0), 7) == ()
-    assert steps_at_break_points(piecewise(0.1, final_time=0.3), 3) == (1,)
 
 
 def test_one_sided_values_at_break_points():

@@ -7,7 +7,6 @@ import pytest
 from fvi_cli.mathematics.algebra import builder
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder, derivatives, join
-from fvi_cli.mathematics.algebra.dependence import constant_values
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
 
@@ -92,7 +91,7 @@ def test_nothing_is_added_to_what_is_zero():
     ],
 )
 def test_what_is_constant_is_told(text, number):
-    found = constant_values(system(text), {}, NAMES)
+    found = system(text).constants({}, NAMES)
     assert found == (None if number is None else pytest.approx([number], rel=1e-15, abs=1e-40))
 
 

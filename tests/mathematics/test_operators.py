@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from spread import spread
 
-from fvi_cli.mathematics.bdf import convolution_weights
-from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.mathematics.bdf import convolution_weights, left_operator
 
 Array = NDArray[np.float64]
 BDF_ORDERS = range(1, 7)

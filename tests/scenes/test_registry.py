@@ -6,22 +6,6 @@ import pytest
 from fvi_cli.scenes.registry import build_problem
 
 
-def test_a_damped_oscillator_finds_its_own_exact_solution():
-    problem = build_problem(
-        {
-            "kind": "damped-oscillator",
-            "damping": [{"order": 1.0, "coefficient": 0.2}],
-            "initial": {"position": 0.0, "velocity": 1.0},
-            "final_time": 16.0,
-        }
-    )
-    assert problem.exact is not None
-    t = np.linspace(0, 16, 9)
-    w = np.sqrt(0.99)
-    assert problem.exact(t)[:, 0] == pytest.approx(np.exp(-t / 10) * np.sin(w * t) / w, abs=1e-14)
-    assert problem.exact_source == "characteristic roots and branch-cut integral"
-
-
 def test_a_pendulum_has_no_exact_solution():
     problem = build_problem({"kind": "pendulum", "final_time": 1.0, "omega": 2.0})
     assert problem.exact is None

@@ -9,7 +9,7 @@ from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.matrices import as_csc, is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 
 BEAM = {

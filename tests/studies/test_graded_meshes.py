@@ -1,11 +1,11 @@
 """Graded meshes and graded starts from configuration to file, and runs without a reference."""
 
 import math
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from oracles.linear_response import match_scene
 
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
@@ -65,11 +65,11 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
 @pytest.mark.parametrize("order", [0.4, 1.6])
 def test_the_adaptive_reference_knows_its_error(order):
     problem = fvi.build_problem(free(order))
-    assert problem.exact is not None
-    found = reference.find_reference(replace(problem, exact=None, exact_source="unknown"))
+    exact = match_scene(problem.scene).position
+    found = reference.find_reference(problem)
     times = graded_mesh(8.0, 300, 2.0)
     at = np.array([one.end for one in times.stretches])
-    true = float(np.abs(found.values(at) - problem.exact(at)).max())
+    true = float(np.abs(found.values(at) - exact(at)).max())
     assert found.error < 1e-12
     assert true < max(3.0 * found.error, 1e-13)
     assert "adaptive steps" in found.source
@@ -145,8 +145,8 @@ def test_the_norm_l2_weighs_every_point_by_its_step():
 
 def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):
     calls: list[fvi.Scene] = []
-    own = reference.sample_forces
-    monkeypatch.setattr(reference, "sample_forces", lambda scene: calls.append(scene) or own(scene))
+    own = reference.is_steep
+    monkeypatch.setattr(reference, "is_steep", lambda scene: calls.append(scene) or own(scene))
     for exact, computed in (("none", False), ("auto", True)):
         source = {"name": exact, "problem": {**PULSE, "exact": exact}, "ladder": {"steps": [73]}}
         (outcome,) = fvi.run(source, output=tmp_path)

@@ -8,6 +8,10 @@ import h5py
 import numpy as np
 import pytest
 from command_line import configuration, fvi, rows_of
+from oracles.characteristic import (
+    characteristic_terms,
+    characteristic_zeros,
+)
 from oracles.sandwich_beam import SIZES, beam_matrices, sandwich_beam
 from scipy.io import mmwrite
 from scipy.sparse import coo_array
@@ -22,10 +26,6 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.transforms.characteristic import (
-    characteristic_terms,
-    characteristic_zeros,
-)
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.response import harmonic_response

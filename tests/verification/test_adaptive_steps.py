@@ -10,18 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
+from oracles.linear_response import match_scene
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.data import duffing, kepler
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.linear_response import match_scene
 
 Array = np.ndarray
 Exact = Callable[[Array], Array]
@@ -81,10 +80,9 @@ def test_a_force_that_jumps():
 
 
 def test_a_jump_that_no_formula_tells_of():
-    """The control: the same jump through a table of samples costs accuracy and steps."""
-    knots = np.array([0.0, 1.0, 1.0 + 1e-9, 50.0])
-    sampled = SampledForce.through(knots, [1.0, 1.0, 0.0, 0.0], "linear")
-    hidden = replace(STEP_FORCED, forcing=Forcing(pieces=(ForcingPiece(components=(sampled,)),)))
+    """The control: the same jump by a function costs accuracy and steps."""
+    force = Forcing.from_functions(lambda t: np.where(t <= 1.0, 1.0, 0.0))
+    hidden = replace(STEP_FORCED, forcing=force)
     found, told = run(hidden, 1e-6), run(STEP_FORCED, 1e-6)
     assert np.abs(found.time - 1.0).min() > 1e-12
     assert found.rejected > told.rejected

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
+from oracles.linear_response import match_scene
 from paper_problems import errors
 from spread import spread
 
@@ -13,9 +14,8 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.scenes.problem import Problem
 
 FLOOR = 2e-13
@@ -221,8 +221,8 @@ def test_a_jump_of_the_force_on_a_pendulum(gamma, degree):
         assert errors_of["none"][-1] > 10 * errors_of["graded"][-1]
 
 
-def test_a_break_point_between_equal_steps_is_refused_with_what_fits():
-    with pytest.raises(ValueError, match=r"break point t = 1 .* 50 and 100"):
+def test_a_break_point_between_equal_steps_is_refused():
+    with pytest.raises(ValueError, match=r"break point t = 1 inside a step"):
         integrate(step_forced(), Method(cq="bdf3", degree=2), 60)
 
 

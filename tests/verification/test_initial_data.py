@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from letters import spring
+from oracles.linear_response import match_scene
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -12,7 +13,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.members import integrate_members
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.scenes.linear_response import match_scene
 
 METHODS = [
     Method(cq="gauss", degree=3),

@@ -14,16 +14,16 @@ import numpy as np
 import pytest
 from letters import spring, swing
 from oracles.contour import talbot_inverse
+from oracles.linear_response import match_scene
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.data import duffing
-from fvi_cli.scenes.linear_response import match_scene
 
 Array = np.ndarray
 Exact = Callable[[Array], Array]

@@ -16,7 +16,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 
 BETWEEN, ON_GRID = 6, 8

@@ -11,14 +11,14 @@ import random
 import numpy as np
 import pytest
 from letters import spring
+from oracles.linear_response import match_scene
 from spread import SEED
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.meshes.mesh import graded_mesh
-from fvi_cli.integrator.meshes.singular_start import order_on
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.studies.order import fit_slope
 
 NUMBERS = (24, 32, 48, 64, 96, 128, 192, 256, 384, 512)

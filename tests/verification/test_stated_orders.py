@@ -10,7 +10,7 @@ from spread import spread
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.singular_start import order_on
+from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 
 LADDER = (256, 512, 1024)

@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import step_tables
-from fvi_cli.mathematics.operators import left_operator
+from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.data import linear_oscillator, pendulum
 
 DAMPED = [FractionalDamping(order=0.6, coefficient=0.7)]

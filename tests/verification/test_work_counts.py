@@ -18,8 +18,8 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.directions import pattern_of
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.memory.damping import pattern_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.scenes.lagrangian import lagrangian_scene

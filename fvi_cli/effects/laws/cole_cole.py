@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.effects.laws.law import Coefficient, Law, check_fraction, positive
+from fvi_cli.effects.laws.law import Coefficient, Law, positive
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 
@@ -32,18 +32,8 @@ class ColeCole:
     masses = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "order", check_fraction(self.order))
+        object.__setattr__(self, "order", positive(self.order, "order", below=1.0))
         object.__setattr__(self, "time", positive(self.time, "time"))
-
-    @property
-    def label(self) -> str:
-        """The order and the time in words."""
-        return f"relaxation of order {self.order:g} in {self.time:g}"
-
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Powers a and -a of x in x rho(x) for small and for large rates x."""
-        return self.order, -self.order
 
     @property
     def peak(self) -> tuple[float, float]:
@@ -90,20 +80,14 @@ def fractional_zener(
     ValueError
         For parameters out of range; a law with :math:`G_\infty < G_0` would create energy.
     """
-    if not 0 <= relaxed < math.inf:
-        raise ArgumentError("relaxed", f"{relaxed!r} is not allowed; it must not be negative")
     if not relaxed <= unrelaxed < math.inf:
         raise ArgumentError(
             "unrelaxed",
             f"{unrelaxed!r} is not allowed; it must be at least the relaxed modulus "
             f"{relaxed!r}, or the law would create energy",
         )
-    return Law(
-        kernel=ColeCole(order=order, time=time),
-        size=unrelaxed - relaxed,
-        relaxed=relaxed,
-        coefficient=coefficient,
-    )
+    kernel, size = ColeCole(order=order, time=time), unrelaxed - relaxed
+    return Law(kernel=kernel, size=size, relaxed=relaxed, coefficient=coefficient)
 
 
 def fractional_maxwell(

@@ -26,20 +26,8 @@ class RelaxationKernel(Protocol):
     """The kernel k of a law; the integrator treats equal values as one kernel."""
 
     @property
-    def label(self) -> str:
-        """The kernel in words, such as ``relaxation of order 0.5``."""
-
-    @property
-    def ends(self) -> tuple[float, float] | None:
-        r"""Powers of y in :math:`y \rho(y)` for small and for large y; None: no density."""
-
-    @property
     def peak(self) -> tuple[float, float] | None:
-        r"""The :math:`\log y` at which the density bends, and the distance to its singularities.
-
-        Singularities lie off the real axis of :math:`\log y`. None if the density is one power of
-        y.
-        """
+        r"""Bend of the density in :math:`\log y` and distance of its poles; None: no density."""
 
     @property
     def masses(self) -> tuple[tuple[float, float], ...]:
@@ -112,15 +100,9 @@ class Law(MatrixForce):
         return replace(self, relaxed=0.0, spring=self.spring + self.relaxed)
 
 
-def positive(value: float, name: str) -> float:
-    """A number that must be positive and finite; a complaint gives its name."""
-    if not 0 < value < math.inf:
-        raise ArgumentError(name, f"{value!r} is not allowed; it must be positive and finite")
-    return float(value)
-
-
-def check_fraction(value: float, name: str = "order") -> float:
-    """A number that must lie between 0 and 1; a complaint gives its name."""
-    if not 0 < value < 1:
-        raise ArgumentError(name, f"{value!r} is not allowed; it must lie in (0, 1)")
+def positive(value: float, name: str, *, below: float = math.inf) -> float:
+    """A number that must be positive and below a bound; a complaint gives its name."""
+    if not 0 < value < below:
+        limit = "positive and finite" if below == math.inf else f"in (0, {below:g})"
+        raise ArgumentError(name, f"{value!r} is not allowed; it must be {limit}")
     return float(value)

@@ -25,22 +25,15 @@ class PronyKernel:
     """
 
     masses: tuple[tuple[float, float], ...]  # pairs of a rate x_i > 0 (1/time) and a weight g_i > 0
-    ends = None
     peak = None
     start_order = None
 
     def __post_init__(self) -> None:
         if not self.masses:
-            raise ArgumentError("masses", "at least one is needed")
+            raise ArgumentError("moduli", "at least one is needed")
         for rate, weight in self.masses:
             positive(rate, "rate")
             positive(weight, "weight")
-
-    @property
-    def label(self) -> str:
-        """The number of exponentials in words."""
-        count = len(self.masses)
-        return f"relaxation by {count} exponential{'s' * (count > 1)}"
 
     def log_density(self, log_rate: Array) -> Array:
         """Minus infinity: there is no density."""
@@ -76,8 +69,6 @@ def prony(
     ValueError
         For numbers out of range, at ``moduli`` or ``times``.
     """
-    if len(moduli) == 0:
-        raise ArgumentError("moduli", "at least one is needed")
     if len(moduli) != len(times):
         raise ArgumentError(
             "times", f"{len(times)} of them are not allowed beside {len(moduli)} moduli"

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along, pieces_of_equal_steps
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.diagnostics import Diagnostics
@@ -122,7 +122,7 @@ def loads_along(
 ) -> Array | None:
     """Load vectors of all steps of a run, ``(n, s + 1, d)``; None without forces.
 
-    `of_steps` is as :meth:`fvi_cli.integrator.loads.step_loads.StepLoads.of_steps`; `fresh` steps
+    `of_steps` is as :meth:`fvi_cli.integrator.loads.StepLoads.of_steps`; `fresh` steps
     begin where a force may be singular, ``(n,)``.
     """
     total: Array | None = None

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import Damping, DampingTables, damping_of
+from fvi_cli.integrator.memory.damping import Damping, DampingTables, damping_of
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
@@ -54,7 +54,7 @@ class DampingAlong:
             found = list(self._forces_on_uneven(memory))
         else:
             found = list(self._forces_on_blocks(pieces))
-        k, (q, n, _, e) = len(self.damping.directions), self.inputs.shape
+        k, (q, n, _, e) = len(self.damping.combinations), self.inputs.shape
         whole = np.concatenate(found, axis=2) if found else np.zeros((k, q, n, 0, e))
         return whole if self.reach is None else self.reach.spread(whole)
 
@@ -62,7 +62,7 @@ class DampingAlong:
         """The forces on successive steps; equal steps block by block."""
         damping, (q, _, i, e) = self.damping, self.inputs.shape
         states, column = damping.start()
-        k = len(damping.directions)
+        k = len(damping.combinations)
         for first, blocks, tables in self._alike(pieces):
             count, m = tables.kernels.count, tables.kernels.n_samples
             driven = self.inputs[:, first : first + blocks * count]
@@ -90,6 +90,7 @@ class DampingAlong:
             parts = [memory.of_steps(sizes[k : k + PIECE]) for k in range(0, sizes.size, PIECE)]
             local, response, intake, change = map(np.concatenate, zip(*parts, strict=True))
             own = [one.combine(local.swapaxes(0, 1)) for one in damping.combinations]
+            steady = intake @ memory.column[:, None]
             for first in range(0, places.size, PIECE):
                 at = places[first : first + PIECE]
                 inputs = self.inputs[:, begin + first :][:, : at.size]
@@ -98,14 +99,13 @@ class DampingAlong:
                 for index, place in enumerate(at.tolist()):
                     path[:, index], columns[index] = states, column[0]
                     states = change[place][:, None] * states + driven[:, index] + states
-                    column = change[place][:, None] * column + column
+                    if damping.has_column:
+                        column = change[place][:, None] * column + column + steady[place]
                 forces = []
-                every = zip(own, damping.combinations, damping.directions, strict=True)
-                for blocks, one, direction in every:
+                for blocks, one in zip(own, damping.combinations, strict=True):
                     acted, moved = path, inputs
-                    if direction.is_relative:
-                        # the derivative of a constant, the start velocity, is zero
-                        acted, moved = path + (columns - 1.0) * start, inputs - start
+                    if one.is_relative:
+                        acted, moved = path + columns * start, inputs - start
                     force = np.matmul(response[at], one.weights[:, None, :, None] * acted)
                     force += np.matmul(blocks[:, at], moved)
                     forces.append(along(force.reshape(q, at.size * m, e), one.matrix))

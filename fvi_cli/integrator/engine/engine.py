@@ -14,7 +14,6 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import damping_of
 from fvi_cli.integrator.engine.frame import Frame, longest_block
 from fvi_cli.integrator.engine.law import StepLaw, force_of, law_of, modes_of
 from fvi_cli.integrator.engine.newton import Newton, Solution
@@ -22,7 +21,8 @@ from fvi_cli.integrator.engine.operator import Operator, Operators
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.engine.structures import GROUP, StructureLaw, is_structure, solve_one_by_one
 from fvi_cli.integrator.engine.tables import on_steps
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
+from fvi_cli.integrator.memory.damping import damping_of
 from fvi_cli.integrator.memory.interface import along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import step_tables

@@ -14,9 +14,9 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.tables import apply, on_every_component, on_steps
+from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.memory.interface import constant_lags, toeplitz_matrix
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import StepTables, step_tables

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.law import StepLaw
 from fvi_cli.integrator.engine.operator import Operator
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, largest
+from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
 from fvi_cli.mathematics.convergence import (
     ITERATIONS,

@@ -19,11 +19,11 @@ from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.engine.frame import Frame, UnitTables, unit_tables
 from fvi_cli.integrator.engine.law import Linearisation, StepLaw, force_of
 from fvi_cli.integrator.engine.state import State
 from fvi_cli.integrator.engine.tables import apply, by_columns, on_components, on_points, on_steps
+from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.memory.interface import toeplitz_matrix
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import step_tables

@@ -15,12 +15,12 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, Solve, as_csr, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.damping import Damping
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.algebra import solver_of
 from fvi_cli.integrator.engine.frame import Frame
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.memory.interface import Combination, toeplitz_matrix
 from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
 from fvi_cli.integrator.method import Method

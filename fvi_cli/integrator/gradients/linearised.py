@@ -34,14 +34,14 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import PIECE, DampingAlong, pieces_of_equal_steps
-from fvi_cli.integrator.damping.damping import Damping
-from fvi_cli.integrator.damping.directions import Direction
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.frame import Frame, unit_tables
 from fvi_cli.integrator.engine.law import StepLaw, law_of
 from fvi_cli.integrator.engine.operator import Operator, step_matrix
 from fvi_cli.integrator.engine.tables import on_components, on_every_component
+from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
+from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.results.run_steps import RunSteps
@@ -157,16 +157,17 @@ class LinearisedRun:
             final_time=self.scene.final_time,
             steps=float((shortest / sizes).sum()),
         )
-        directions = [
-            Direction(
-                matrix=matrix[None],
-                terms=((term,),),
-                factors=np.ones((1, 1)),
+        combinations = [
+            Combination.made(
+                memory,
+                [[term]],
+                np.ones((1, 1)),
+                matrix[None],
                 is_relative=_exponent(term) < 0,
             )
             for term, matrix in zip(terms, matrices, strict=True)
         ]
-        return Damping(directions, memory, start)
+        return Damping(combinations, memory, start)
 
     def _plain(self, terms: Sequence[Term], velocity: Array, start: Array) -> Array:
         """Forces without matrices, ``(f, p, n, m, d)``, from velocities ``(p, n, m, d)``."""

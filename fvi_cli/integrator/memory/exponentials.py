@@ -25,7 +25,7 @@ from fvi_cli.integrator.memory.stages import (
     stage_operator,
 )
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Integers
 
 STEPS_KEPT = 256
 """Number of step sizes whose exponentials are kept in a process: some 20 kilobytes each."""
@@ -42,7 +42,7 @@ class ExponentialKernels(Kernels):
     @cached_property
     def change(self) -> Array:
         """Change of undriven states over the block, ``(J,)``."""
-        return self.step.change if self.count == 1 else self.step.changes(self.count)
+        return self.step.changes(self.count)
 
     def past(
         self, states: Sequence[Array], combinations: Sequence[Combination], count: int
@@ -52,9 +52,7 @@ class ExponentialKernels(Kernels):
             along(one.weights[:, :, None] * own, one.matrix)
             for own, one in zip(states, combinations, strict=True)
         ]
-        total = weighted[0]
-        for own in weighted[1:]:
-            total = total + own
+        total = sum(weighted[1:], start=weighted[0])
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
@@ -80,15 +78,11 @@ class Exponentials:
     """Powers of integration and relaxation laws as sums of exponentials.
 
     Every term occurs once. The power 0, a damper of order 1, acts on the velocity itself and needs
-    no states; if no term has memory there is no kernel. Steps and times as for
+    no states; if no term has memory there are none. Steps and times as for
     :func:`fvi_cli.integrator.memory.kernel.power_kernel`.
     """
 
     n_lags = 0  # number of steps that are stored one by one, in states of their own
-    # inputs of a start velocity of 1 in every step, (i,), which relative terms subtract; None: no
-    # inputs; and the value of its states at the start
-    column: Array | None = None
-    column_start = 1.0
 
     def __init__(
         self,
@@ -101,8 +95,10 @@ class Exponentials:
     ) -> None:
         self._operator = stage_operator(method.cq, method.stages)
         self.terms = tuple(terms)
-        self.kernel: Kernel | None = None
-        if any(map(self.remembers, self.terms)):
+        # inputs of a start velocity of -1 in every step, (i,), which relative terms add
+        self.column = -np.ones(self._operator.n_stages)
+        self.kernel = Kernel(rates=np.zeros(0), weights=np.zeros((len(self.terms), 0)))
+        if any(term != 0.0 for term in self.terms):
             self.kernel = power_kernel(
                 self.terms,
                 shortest_step=shortest_step,
@@ -110,10 +106,16 @@ class Exponentials:
                 stages=method.stages,
                 steps=steps,
             )
-        zero = np.zeros((len(self.terms), 0))
-        # factors of the J states in the force of every term, (K, J)
-        self.weights = zero if self.kernel is None else self.kernel.weights
-        self.n_states = int(self.weights.shape[1])
+        self.weights, self.energy_weights = self.kernel.weights, self.kernel.energy_weights
+        self.n_states = int(self.kernel.rates.size)
+
+    def remembers(self, places: Integers) -> bool:
+        """Whether a combination of terms has states: one is not the power 0."""
+        return any(self.terms[place] != 0.0 for place in places.flat)
+
+    def operations_per_step(self, directions: int) -> int:
+        """Multiply-adds for one component in a step with `directions` that have memory."""
+        return (directions + 1) * self._operator.n_stages * self.n_states
 
     def of_steps(self, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Tables of single steps of u lengths at once.
@@ -123,8 +125,7 @@ class Exponentials:
         """
         u, j, m = sizes.size, self.n_states, self._operator.n_stages
         local = [self._operator.local_blocks(term, sizes) for term in self.terms]
-        rates = np.zeros(0) if self.kernel is None else self.kernel.rates
-        step = self._operator.exponentials(np.outer(sizes, rates).ravel())
+        step = self._operator.exponentials(np.outer(sizes, self.kernel.rates).ravel())
         return (
             np.array(local).reshape(len(self.terms), u, m, m).swapaxes(0, 1),
             step.stages.reshape(m, u, j).swapaxes(0, 1),
@@ -132,44 +133,29 @@ class Exponentials:
             step.changes(1).reshape(u, j),
         )
 
-    def remembers(self, term: Term) -> bool:
-        """Whether a term has states: all but the power 0."""
-        return term != 0.0
-
-    def operations_per_step(self, directions: int) -> int:
-        """Multiply-adds for one component in a step with `directions` that have memory."""
-        return (directions + 1) * self._operator.n_stages * self.n_states
-
     def kernels(self, h: float, count: int) -> ExponentialKernels:
         """Tables of `count` steps of length h."""
         m = self._operator.n_stages
-        local = np.array(
-            [self._operator.local_blocks(term, np.array([h]))[0] for term in self.terms]
-        )
+        sizes = np.array([h])
+        sequence = np.array([self._operator.local_blocks(term, sizes) for term in self.terms])
         step = _over_one_step(self._operator, self.kernel, h)
         response, intake = step.stages, step.intake
-        lags = np.zeros((len(self.terms), 0, m, m))
         if count > 1:
             powers = step.powers(count)
             response = (powers[:, None] * step.stages).reshape(count * m, -1)
-            before = response[: (count - 1) * m]
             # one product for every term
-            lags = np.matmul(before, self.weights[:, :, None] * step.intake)
+            lags = np.matmul(response[:-m], self.weights[:, :, None] * step.intake)
             lags = lags.reshape(len(self.terms), count - 1, m, m)
+            sequence = np.concatenate([sequence, lags], axis=1)
             intake = (powers[::-1].T[:, :, None] * step.intake[:, None]).reshape(-1, count * m)
             # by columns, of which there are fewer
             intake = np.asfortranarray(intake)
         return ExponentialKernels(
-            count=count,
-            local=local,
-            lags=lags,
-            step=step,
-            response=response,
-            intake=intake,
+            count=count, sequence=sequence, step=step, response=response, intake=intake
         )
 
 
 @lru_cache(maxsize=STEPS_KEPT)
-def _over_one_step(operator: StageOperator, kernel: Kernel | None, h: float) -> StageExponentials:
+def _over_one_step(operator: StageOperator, kernel: Kernel, h: float) -> StageExponentials:
     """Exponentials over a step; runs of one scene, and of similar ones, take the same sizes."""
-    return operator.exponentials(h * kernel.rates if kernel is not None else np.zeros(0))
+    return operator.exponentials(h * kernel.rates)

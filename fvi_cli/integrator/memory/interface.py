@@ -12,14 +12,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, times
 from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.mathematics.arrays import Array, Integers, Places
+
+T = TypeVar("T", bound=np.generic)
 
 
 def toeplitz_matrix(lags: Array) -> Array:
@@ -41,7 +44,21 @@ def constant_lags(first: Array, later: Array, count: int) -> Array:
     return found
 
 
-class Weighted(Protocol):
+def along(values: Array, matrix: Form) -> Array:
+    """Values ``(q, n, e)`` times the matrix of every member."""
+    if not isinstance(matrix, np.ndarray) or matrix.ndim == 2:
+        return times(values, matrix)
+    if matrix.shape[-1] == 1:
+        return values * matrix
+    return np.asarray(np.matmul(values, matrix))
+
+
+def member_rows(values: NDArray[T], members: Places) -> NDArray[T]:
+    """The rows of some members, where there is not one row for all."""
+    return values if len(values) == 1 else values[members]
+
+
+class Memory(Protocol):
     """The part of a memory that combinations of terms need."""
 
     terms: tuple[Term, ...]  # its terms, each once
@@ -52,20 +69,35 @@ class Weighted(Protocol):
 class Combination:
     """A sum of terms that act along one matrix of every member."""
 
-    places: Integers  # numbers of its terms in the memory, and their factors, (q or 1, n)
-    factors: Array
-    matrix: Form  # D, symmetric, (q, e, e); of one large structure (e, e), dense or sparse
+    places: Integers  # numbers of its terms in the memory, (q or 1, n)
+    factors: Array  # their coefficients, relative to that of the first one, (q or 1, n)
+    # D with the coefficient of the first term, symmetric, (q, e, e); of one large structure (e, e),
+    # dense or sparse
+    matrix: Form
     # factors of exponentials in the force, (q or 1, J); (q or 1, 0) where the memory has none
     weights: Array
+    is_relative: bool  # whether the start velocity is subtracted
 
     @classmethod
     def made(
-        cls, memory: Weighted, terms: Sequence[Sequence[Term]], factors: Array, matrix: Form
+        cls,
+        memory: Memory,
+        terms: Sequence[Sequence[Term]],
+        factors: Array,
+        matrix: Form,
+        *,
+        is_relative: bool = False,
     ) -> Combination:
         """The combination of terms of the memory, a row for every member or one for all."""
         index = {term: place for place, term in enumerate(memory.terms)}
         places = np.array([[index[term] for term in row] for row in terms])
-        plain = cls(places=places, factors=factors, matrix=matrix, weights=np.zeros((1, 0)))
+        plain = cls(
+            places=places[:1] if (places == places[0]).all() else places,
+            factors=factors[:1] if (factors == factors[0]).all() else factors,
+            matrix=matrix,
+            weights=np.zeros((1, 0)),
+            is_relative=is_relative,
+        )
         return replace(plain, weights=plain.combine(memory.weights))
 
     @property
@@ -90,15 +122,16 @@ class Combination:
 
     def of(self, members: Places) -> Combination:
         """The combination of some members."""
-        own = {
-            name: value if len(value) == 1 else value[members]
-            for name in ("places", "factors", "weights")
-            if isinstance(value := getattr(self, name), np.ndarray)
-        }
         matrix = self.matrix
         if isinstance(matrix, np.ndarray) and matrix.ndim == 3:
             matrix = matrix[members]
-        return replace(self, matrix=matrix, **own)
+        return replace(
+            self,
+            matrix=matrix,
+            places=member_rows(self.places, members),
+            factors=member_rows(self.factors, members),
+            weights=member_rows(self.weights, members),
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -113,25 +146,17 @@ class Kernels(ABC):
     """
 
     count: int  # number B of steps
-    local: Array  # from inputs of a step to the force of every term in it, (K, m, i)
-    lags: Array  # the same from inputs 1 to B - 1 steps before, (K, B - 1, m, i)
+    sequence: Array  # from inputs to the force of every term, lag sequences (K, B, m, i)
 
     @property
     def n_samples(self) -> int:
         """Number m of samples of the force in a step."""
-        return int(self.local.shape[1])
+        return int(self.sequence.shape[2])
 
     @property
     def n_inputs(self) -> int:
         """Number i of inputs of a step."""
-        return int(self.local.shape[2])
-
-    @property
-    def sequence(self) -> Array:
-        """Local block and lags, the lag sequences ``(K, B, m, i)``."""
-        if self.count == 1:
-            return self.local[:, None]
-        return np.concatenate([self.local[:, None], self.lags], axis=1)
+        return int(self.sequence.shape[3])
 
     @abstractmethod
     def past(
@@ -149,12 +174,3 @@ class Kernels(ABC):
     @abstractmethod
     def change_of_all(self, count: int) -> Array:
         """The matrix P - 1 by which undriven states change over `count` steps, ``(J, J)``."""
-
-
-def along(values: Array, matrix: Form) -> Array:
-    """Values ``(q, n, e)`` times the matrix of every member."""
-    if not isinstance(matrix, np.ndarray) or matrix.ndim == 2:
-        return times(values, matrix)
-    if matrix.shape[-1] == 1:
-        return values * matrix
-    return np.asarray(np.matmul(values, matrix))

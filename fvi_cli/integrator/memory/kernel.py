@@ -27,12 +27,18 @@ from typing import TypeGuard
 import numpy as np
 
 from fvi_cli.effects.laws.law import RelaxationKernel
-from fvi_cli.integrator.memory.rates import RateRule, rate_rule
 from fvi_cli.mathematics.arrays import Array
 
 _CACHED_KERNELS = 256  # number of kernels that are kept in a process
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 """Exponent of orders so small that 1 minus the order is 1; rates serve all exponents up to it."""
+# densities that are singular nearer to the real axis than this have nodes crowded around there
+_WIDE = 0.55 * math.pi
+_PEAK_MARGIN = 3.0  # least distance of a peak from the ends, as logarithms
+# ends are moved for a peak in steps of this size, so that similar laws have the same rates
+_ROOM = 2.0
+# nodes farther than this (in logarithms) beyond the ends have the same effect to every accuracy
+_ALIKE = 120.0
 
 
 @dataclass(frozen=True)
@@ -68,10 +74,6 @@ class Kernel:
 
     rates: Array  # x_j > 0, ascending, 1/time, shape (J,)
     weights: Array  # shape (n_terms, J)
-
-    def __post_init__(self) -> None:
-        self.rates.setflags(write=False)
-        self.weights.setflags(write=False)
 
     @property
     def energy_weights(self) -> Array:
@@ -113,7 +115,6 @@ def power_kernel(
     :math:`x^{-\theta - 2}` times an analytic function of 1/x, because
     :math:`R(-z) = \pm \exp(-K/z + \ldots)`, K = 2 m (m + 1); there the substitution makes it
     fall doubly exponentially, and nodes at which x no longer differs from its limit are merged.
-    Rates that serve all exponents are up to a tenth more than rates for one exponent.
 
     A law whose density has a narrow peak at c, singular at a distance :math:`\delta` from the
     real axis, has equal steps of :math:`u + \sinh^{-1}((u - c) / \delta)` in place of u, in which
@@ -138,28 +139,24 @@ def _kernel(
     # logarithms of rates between which the integrand is not a power of the rate
     first = -time * math.log(2)
     last = math.log(2 * stages * (stages + 1)) + (steps - step) * math.log(2)
-    found = []
-    chosen = [i for i, one in enumerate(terms) if _ends(one)]
-    if chosen:
-        own = [terms[i] for i in chosen]
-        rule = rate_rule(
-            sorted({end for term in own for end in _ends(term)}),
-            first=first,
-            last=last,
-            accuracy=accuracy,
-            peaks=[one.peak for one in own if _is_law(one) and one.peak is not None],
-        )
-        columns = np.zeros((len(terms), rule.n_kept))
-        columns[chosen] = [_weights(one, rule) for one in own]
-        found.append((rule.rates, columns))
-    for index, one in enumerate(terms):
-        for rate, mass in one.masses if _is_law(one) else ():
-            column = np.zeros((len(terms), 1))
-            column[index] = mass / rate
-            found.append((np.array([rate]), column))
-    rates, place = np.unique(np.concatenate([one for one, _ in found]), return_inverse=True)
+    # a law without a peak is a sum of masses
+    peaks = [one.peak for one in terms if _is_law(one) and one.peak is not None]
+    smooth = [k for k, one in enumerate(terms) if not _is_law(one) or one.peak is not None]
+    masses = [
+        (index, rate, mass / rate)
+        for index, one in enumerate(terms)
+        for rate, mass in (one.masses if _is_law(one) else ())
+    ]
+    rule = _Rule(first, last, accuracy, peaks)
+    kept = rule.rates if smooth else np.zeros(0)
+    rates = np.unique(np.concatenate([kept, [rate for _, rate, _ in masses]]))
     weights = np.zeros((len(terms), rates.size))
-    np.add.at(weights.T, place, np.concatenate([columns for _, columns in found], axis=1).T)
+    for index in smooth:
+        weights[index, np.searchsorted(rates, kept)] = _weights(terms[index], rule)
+    for index, rate, weight in masses:
+        weights[index, np.searchsorted(rates, rate)] += weight
+    for one in (rates, weights):
+        one.setflags(write=False)
     return Kernel(rates=rates, weights=weights)
 
 
@@ -167,21 +164,114 @@ def _is_law(term: Term) -> TypeGuard[RelaxationKernel]:
     return not isinstance(term, float | Slope)
 
 
-def _ends(term: Term) -> tuple[tuple[float, float], ...]:
-    """Powers of a density per logarithm at both ends: for all exponents, or for a law."""
-    if not _is_law(term):
-        return ((1 - LARGEST_EXPONENT,) * 2, (math.nextafter(2.0, 0.0),) * 2)
-    return () if term.ends is None else (term.ends,)
+class _Rule:
+    """The trapezoidal rule for all terms, whose nodes far out are merged into those at its ends.
+
+    Between the logarithms `first` and `last` densities per logarithm are no powers. At `peaks` of
+    logarithms they bend, with the distance of their singularities from the real axis.
+    """
+
+    def __init__(
+        self, first: float, last: float, accuracy: float, peaks: Sequence[tuple[float, float]]
+    ) -> None:
+        nearest, farthest = first - _ALIKE, last + _ALIKE
+        below = max([0.0, *(first - place + _PEAK_MARGIN for place, _ in peaks)])
+        above = max([0.0, *(place + _PEAK_MARGIN - last for place, _ in peaks)])
+        first -= _ROOM * math.ceil(below / _ROOM)
+        last += _ROOM * math.ceil(above / _ROOM)
+        narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})
+        crowds = _PeakMap(tuple((_u_of(place, first, last), size) for place, size in narrow))
+        # the relative error for x^2 exp(-x) is 2 |Gamma(2 + i w)| = 5 w^1.5 exp(-pi w / 2) at
+        # w = 2 pi / width, that for lower powers is less
+        omega = 10.0
+        for _ in range(20):
+            omega = 2 / math.pi * math.log(5.02 * omega**1.5 / accuracy)
+        width = 2 * math.pi / omega
+        # an end has no effect left at exp(-cut), in the units of x and, merged, of its least power
+        cut = 3.0 - math.log(accuracy)
+        tail = math.log(cut) + 0.5
+        far = math.log(cut / (1.0 - LARGEST_EXPONENT)) + 0.5
+        ends = np.array([first - far, first - tail, last + tail, last + far])
+        lowest, origin, end, highest = crowds.stretched(ends)
+        n_below, n_middle = math.ceil((origin - lowest) / width), math.ceil((end - origin) / width)
+        n_above = math.ceil((highest - end) / width)
+        nodes = origin + width * np.arange(-n_below, n_middle + n_above + 1)
+        u, density = crowds.places(nodes)
+        left, right = np.exp(first - u), np.exp(u - last)
+        self.logs = u - left + right
+        self._density = width * density * (1 + left + right)
+        # peaks may lie at rates that overflow
+        self._begin = max(n_below, int(np.searchsorted(self.logs, nearest)))
+        self._end = min(n_below + n_middle + 1, int(np.searchsorted(self.logs, farthest)))
+        self.rates = np.exp(self.split(self.logs)[1])
+
+    def split(self, values: Array) -> tuple[Array, Array, Array]:
+        """Values at merged nodes below, at kept nodes, and at merged ones above."""
+        return values[: self._begin], values[self._begin : self._end], values[self._end :]
+
+    def merge(self, below: Array, kept: Array, above: Array, factors: Array) -> Array:
+        """Weights of the states, ``(J,)``, from factors of those of the three parts."""
+        under, own, over = self.split(factors * self._density)
+        weights = own * kept
+        weights[0] += (under * below).sum()
+        weights[-1] += (over * above).sum()
+        return np.asarray(weights)
 
 
-def _weights(term: Term, rule: RateRule) -> Array:
+def _weights(term: Term, rule: _Rule) -> Array:
     """Weights of the states in the force of a term, ``(J,)``."""
+    below, logs, above = rule.split(rule.logs)
+    rates, first, last = rule.rates, rule.rates[0], rule.rates[-1]
     if not isinstance(term, float | Slope):
-        return rule.of_density(term.log_density)
+        return rule.merge(
+            np.exp(term.log_density(below)) / first,
+            np.exp(term.log_density(logs) - logs),
+            np.exp(term.log_density(above) - 2 * above) * last,
+            np.ones_like(rule.logs),
+        )
     theta = term.exponent if isinstance(term, Slope) else term
     # sin(pi theta) / pi in full relative accuracy up to -1 and 1
     sine = math.copysign(math.sin(math.pi * min(abs(theta), 1 - abs(theta))), theta) / math.pi
     factors = np.full_like(rule.logs, sine)
     if isinstance(term, Slope):
         factors = math.cos(math.pi * theta) - sine * rule.logs
-    return rule.of_power(theta, factors)
+    # powers of the rates themselves: exponentials of their logarithms would lose a digit
+    return rule.merge(
+        np.exp((1 - theta) * below) / first,
+        rates**-theta,
+        np.exp(-(1 + theta) * above) * last,
+        factors,
+    )
+
+
+def _u_of(log_rate: float, first: float, last: float) -> float:
+    """The u of a rate that lies well inside of the ends."""
+    u = log_rate
+    for _ in range(30):
+        u = log_rate + math.exp(first - u) - math.exp(u - last)
+    return u
+
+
+class _PeakMap:
+    r"""The map :math:`w = u + \sum \sinh^{-1}((u - c) / \delta)`: equal w crowd around c."""
+
+    def __init__(self, peaks: tuple[tuple[float, float], ...]) -> None:
+        self._peaks = peaks
+
+    def stretched(self, u: Array) -> Array:
+        """The variable w of u."""
+        return u + sum(np.arcsinh((u - place) / size) for place, size in self._peaks)
+
+    def places(self, w: Array) -> tuple[Array, Array]:
+        """The u of w, and du / dw."""
+        if not self._peaks:
+            return w, np.ones_like(w)
+        reach = sum(np.arcsinh((np.abs(w) + abs(place)) / size) for place, size in self._peaks)
+        low, high = w - reach, w + reach
+        for _ in range(60):
+            middle = 0.5 * (low + high)
+            is_low = self.stretched(middle) < w
+            low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)
+        u = 0.5 * (low + high)
+        slope = 1 + sum(1 / np.hypot(u - place, size) for place, size in self._peaks)
+        return u, np.asarray(1 / slope)

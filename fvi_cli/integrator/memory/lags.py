@@ -62,14 +62,14 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
     The orders are in (0, 2); order 1 is included, its weights end. N + 1 weights of steps of length
     1 are right to 5e-14 of each. There are no rates if all lags are near.
     """
-    near = NEAR_LAGS[bdf_order]
-    fractional = [order for order in orders if order != 1.0]
-    if not fractional or n_steps <= near:
+    near, is_fractional = NEAR_LAGS[bdf_order], np.array(orders) != 1.0
+    if not is_fractional.any() or n_steps <= near:
         # the weights of order 1 end
-        near = n_steps if fractional else min(bdf_order, n_steps)
+        near = n_steps if is_fractional.any() else min(bdf_order, n_steps)
         return LagExponentials(near=near, rates=np.zeros(0), factors=np.zeros((len(orders), 0)))
+    # of the power 0, order 1, the weights are zero
     kernel = power_kernel(
-        [1.0 - order for order in fractional],
+        [1.0 - order for order in orders],
         shortest_step=1.0,
         final_time=float(n_steps + 1),
         stages=1,
@@ -80,12 +80,9 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
     rates = kernel.rates[:count]
     beyond = np.expm1(rates)
     symbol = -sum((-beyond) ** k / k for k in range(1, bdf_order + 1))
-    weights = iter(kernel.weights[:, :count])
-    factors = np.zeros((len(orders), count))
-    for place, order in enumerate(orders):
-        if order != 1.0:
-            # the weights of the kernel are those of y**(gamma - 2)
-            factors[place] = next(weights) * rates**2 / beyond * (symbol / rates) ** order
+    # the weights of the kernel are those of y**(gamma - 2)
+    powers = (symbol / rates) ** np.array(orders)[:, None]
+    factors = kernel.weights[:, :count] * rates**2 / beyond * powers
     return LagExponentials(near=near, rates=rates, factors=factors)
 
 
@@ -102,40 +99,22 @@ class LagKernels(Kernels):
     )
 
     def past(
-        self,
-        states: Sequence[Array],
-        combinations: Sequence[Combination],
-        count: int,
+        self, states: Sequence[Array], combinations: Sequence[Combination], count: int
     ) -> Array:
         """Force of the past on the first `count` steps: one product for every direction."""
-        size = count * self.n_samples
-        forces = [
-            along(np.matmul(self._response_of(one)[:, :size], own), one.matrix)
-            for own, one in zip(states, combinations, strict=True)
-        ]
-        total = forces[0]
-        for force in forces[1:]:
-            total = total + force
-        return total
-
-    def _response_of(self, one: Combination) -> Array:
-        """Force of unit states on the block, ``(q or 1, B m, J)``."""
-        if len(one.places) > 1:
-            raise ValueError(
-                "combinations: members of backward differences must have the same orders"
-            )
-        if one not in self._combined:
-            self._combined[one] = one.combine(self.response)
-        return self._combined[one]
+        size, forces = count * self.n_samples, []
+        for own, one in zip(states, combinations, strict=True):
+            if one not in self._combined:
+                self._combined[one] = one.combine(self.response)
+            forces.append(along(np.matmul(self._combined[one][:, :size], own), one.matrix))
+        return np.asarray(sum(forces[1:], start=forces[0]))
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States after the first `count` steps."""
         s, (q, _, e) = self.n_inputs, states.shape
-        last, own = self.n_lags * s, count * s
+        last = self.n_lags * s
         found = np.empty_like(states)
-        kept = max(last - own, 0)
-        found[:, :kept] = states[:, last - kept : last]
-        found[:, kept:last] = inputs[:, own - (last - kept) :]
+        found[:, :last] = np.concatenate([states[:, :last], inputs], axis=1)[:, -last:]
         if len(self.decay):
             decay = self.decay[:, self.count - count :]
             sums = states[:, last:].reshape(q, -1, s * e)
@@ -157,103 +136,80 @@ class Lags:
     """Powers of backward differences on N equal steps.
 
     The states are the unknowns of the last L steps, in the order of time, and sums over all of
-    them, each for the s unknowns of a step: J is ``(L + sums) s``.
-
-    Terms are exponents, 1 minus the orders, each once.
+    them, each for the s unknowns of a step: J is ``(L + sums) s``. Terms are exponents, 1 minus
+    the orders, each once.
     """
 
-    column_start = 0.0
-
     def __init__(
-        self,
-        method: Method,
-        terms: Sequence[Term],
-        *,
-        n_steps: int,
-        final_time: float,
+        self, method: Method, terms: Sequence[Term], *, n_steps: int, final_time: float
     ) -> None:
-        tables = step_tables(method)
         self._exponents = [term for term in terms if isinstance(term, float)]
         if len(self._exponents) < len(terms):
             raise ValueError("terms: backward differences take powers only")
-        self.terms = tuple(terms)
-        self.n_steps, self.h = n_steps, final_time / n_steps
-        self.column: Array | None = -tables.control_points[1:]
+        self.terms, self._tables = tuple(terms), step_tables(method)
+        self._h, self._bdf_order = final_time / n_steps, method.bdf_order
         orders = [1.0 - term for term in self._exponents]
-        tail = lag_exponentials(method.bdf_order, orders, n_steps)
-        self.n_lags, self._rates = tail.near, tail.rates
-        self.n_inputs, self.bdf_order = tables.degree, method.bdf_order
-        self.n_states = (self.n_lags + self._rates.size) * tables.degree
+        self._tail = lag_exponentials(method.bdf_order, orders, n_steps)
+        self.n_lags = self._tail.near
+        self.n_states = (self.n_lags + self._tail.rates.size) * self._tables.degree
         self.weights = np.zeros((len(self.terms), 0))
-        self._tail, self._tables = tail, tables
+        # inputs of a start velocity of -1 in every step, (i,), which relative terms add
+        self.column = -self._tables.control_points[1:]
 
     @cached_property
-    def _weights(self) -> tuple[Array, Array, Array]:
-        """:math:`K_n`, ``(K, L + 1, m, s)``; K_n less the sums; and the factors of the sums.
+    def _weights(self) -> tuple[Array, Array]:
+        """:math:`K_n`, ``(K, L + 1, m, s)``, and factors of sums in the next ``(K, sums, m, s)``.
 
-        The factors are those in the force on the next step, ``(K, sums, m, s)``. All are computed
-        on first use: plans need counts only.
+        They are computed on first use: plans need counts only.
         """
-        tail, tables = self._tail, self._tables
-        units = np.array([self.h**exponent for exponent in self._exponents])
+        tail = self._tail
+        units = np.array([self._h**exponent for exponent in self._exponents])
         weights = np.array(
             [
-                unit * difference_weights(self.bdf_order, 1.0 - exponent, tail.near + 1)
+                unit * difference_weights(self._bdf_order, 1.0 - exponent, tail.near + 1)
                 for unit, exponent in zip(units, self._exponents, strict=True)
             ]
         )
-        sample = tables.sample_basis[1:].T
-        carry = np.eye(tables.degree)[-1:] - sample
+        sample = self._tables.sample_basis[1:].T
+        carry = np.eye(self._tables.degree)[-1:] - sample
         kernels = weights[..., None, None] * sample
         kernels[:, 1:] += weights[:, :-1, None, None] * carry
         factors = (units[:, None] * tail.factors)[..., None, None]
-        far = factors * (sample + np.exp(tail.rates)[:, None, None] * carry)
-        near = kernels.copy()
-        near[:, 0] = 0.0
-        if tail.rates.size:
-            near[:, 1:] -= _decayed(np.arange(1, tail.near + 1), tail.rates, far)
-        return kernels, near, far
+        return kernels, factors * (sample + np.exp(tail.rates)[:, None, None] * carry)
 
-    def at_lags(self, lags: Integers) -> Array:
-        """:math:`K_n` at any lags n >= 1, shape ``(K, n, m, s)``."""
-        kernels, _, far = self._weights
-        found = np.zeros((len(kernels), lags.size, *kernels.shape[2:]))
-        inside = lags <= self.n_lags
-        found[:, inside] = kernels[:, lags[inside]]
-        if self._rates.size and not inside.all():
-            found[:, ~inside] = _decayed(lags[~inside], self._rates, far)
-        return found
+    def _beyond(self, lags: Integers) -> Array:
+        """The sums at lags n >= 1, ``(K, n, m, s)``."""
+        decay = np.exp(-np.outer(lags, self._tail.rates))
+        return np.asarray(np.einsum("nj,tjms->tnms", decay, self._weights[1]))
 
-    def remembers(self, term: Term) -> bool:
-        """Whether a term has states: all have, order 1 for the few lags of its formula."""
-        return term in self.terms
+    def remembers(self, places: Integers) -> bool:
+        """Whether a combination has states: all have, order 1 for the few lags of its formula."""
+        return True
 
     def operations_per_step(self, directions: int) -> int:
         """Multiply-adds for one component in a step with `directions`."""
         samples = self._tables.sample_points.size
-        return directions * samples * self.n_states + self._rates.size * self.n_inputs
+        return directions * samples * self.n_states + self._tail.rates.size * self._tables.degree
 
     def kernels(self, h: float, count: int) -> LagKernels:
         """Tables of `count` steps; all are of one length."""
-        kernels, near, far = self._weights
-        lags = self.n_lags - np.arange(self.n_lags) + np.arange(count)[:, None]
-        inside = (lags <= self.n_lags)[..., None, None]
-        of_lags = near[:, np.minimum(lags, self.n_lags)] * inside
-        decay = np.exp(-np.outer(np.arange(count), self._rates))[None, :, :, None, None]
+        kernels, far = self._weights
+        rates, before = self._tail.rates, np.arange(1, self.n_lags + 1)
+        # near lags are stored less the sums, in which they are as well
+        near = kernels.copy()
+        near[:, 1:] -= self._beyond(before)
+        later = np.arange(self.n_lags + 1, max(count, self.n_lags + 1))
+        sequence = np.concatenate([kernels[:, :count], self._beyond(later)], axis=1)
+        lags = before[::-1] + np.arange(count)[:, None]
+        of_lags = near[:, np.minimum(lags, self.n_lags)] * (lags <= self.n_lags)[..., None, None]
+        decay = np.exp(-np.outer(np.arange(count), rates))[None, :, :, None, None]
         both = np.concatenate([of_lags, decay * far[:, None]], axis=2)
         response = np.ascontiguousarray(both.transpose(0, 1, 3, 2, 4))
         return LagKernels(
             count=count,
-            local=kernels[:, 0],
-            lags=self.at_lags(np.arange(1, count)),
-            response=response.reshape(len(kernels), count * kernels.shape[2], self.n_states),
+            sequence=sequence,
+            response=response.reshape(len(kernels), -1, self.n_states),
             n_lags=self.n_lags,
-            rates=self._rates,
-            decay=np.exp(-np.outer(self._rates, np.arange(count, 0, -1))),
+            rates=rates,
+            decay=np.exp(-np.outer(rates, np.arange(count, 0, -1))),
         )
-
-
-def _decayed(lags: Integers, rates: Array, factors: Array) -> Array:
-    """``sum_j exp(-n y_j) factors_j`` for lags n, ``(K, n, m, s)``."""
-    decay = np.exp(-np.outer(lags, rates))
-    return np.asarray(np.einsum("nj,tjms->tnms", decay, factors))

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.effects.damping import MatrixForce
-from fvi_cli.effects.matrices import Form, as_csr, form, sparse_unit, touched
+from fvi_cli.effects.matrices import Form, as_csr, dense, form, sparse_unit, touched
 from fvi_cli.mathematics.arrays import Array
 
 
@@ -19,16 +17,8 @@ from fvi_cli.mathematics.arrays import Array
 class DamperForms:
     r"""Linear forms :math:`y = B q`, on which every damping matrix acts as :math:`B^T C B`."""
 
-    rows: Form  # B, shape (r, d)
-    # component of each row, if rows are single components; None: they are combinations
-    components: NDArray[np.intp] | None
-
-    @cached_property
-    def _compact(self) -> tuple[NDArray[np.intp], Array]:
-        """Columns of B that are not zero, and B in these columns only: few of thousands."""
-        sparse = as_csr(self.rows).tocsc()
-        columns = np.flatnonzero(np.diff(sparse.indptr))
-        return columns, np.asarray(sparse[:, columns].toarray())
+    rows: Form  # B, shape (r, d): those of dampers, or single components
+    are_components: bool
 
     @property
     def count(self) -> int:
@@ -37,49 +27,41 @@ class DamperForms:
 
     def along(self, values: Array) -> Array:
         """Values ``(..., d)`` along the forms, ``(..., r)``."""
-        if self.components is not None:
-            return values[..., self.components]
-        columns, factors = self._compact
-        return np.asarray(values[..., columns] @ factors.T)
+        return _mapped(self.rows, values)
 
     def spread(self, forces: Array) -> Array:
         """Forces along the forms ``(..., r)`` on all components ``(..., d)``."""
-        if self.components is not None:
-            total = np.zeros((*forces.shape[:-1], self.rows.shape[1]))
-            total[..., self.components] = forces
-            return total
-        columns, factors = self._compact
-        total = np.zeros((*forces.shape[:-1], self.rows.shape[1]))
-        total[..., columns] = forces @ factors
-        return total
+        return _mapped(cast(Form, as_csr(self.rows).T), forces)
 
     def inner(self, term: MatrixForce) -> Form:
         """The matrix C of a term, shape ``(r, r)``."""
-        if self.components is not None:
-            if isinstance(term.form, np.ndarray):
-                return form(term.form[np.ix_(self.components, self.components)])
-            return cast(Form, as_csr(term.form)[self.components][:, self.components])
-        if term.factored is None:
-            raise ValueError("damping: a term on every component has no rows of its own")
-        columns, kept = self._compact
-        own = term.factored.rows[:, columns]
-        places = [int(np.flatnonzero((kept == row).all(axis=1))[0]) for row in own]
+        if self.are_components or term.factored is None:
+            rows = as_csr(self.rows)
+            inner = cast(Form, rows @ as_csr(term.form) @ rows.T)
+            return form(dense(inner) if isinstance(term.form, np.ndarray) else inner)
+        known = {row.tobytes(): place for place, row in enumerate(dense(self.rows))}
+        places = [known[(row + 0.0).tobytes()] for row in term.factored.rows]
         whole = np.zeros((self.count, self.count))
         np.add.at(whole, np.ix_(places, places), term.factored.inner)
         return form(whole)
+
+
+def _mapped(matrix: Form, values: Array) -> Array:
+    """Rows of values ``(..., b)`` times the transpose of a matrix ``(a, b)``."""
+    flat = values.reshape(-1, values.shape[-1])
+    return np.asarray((matrix @ flat.T).T.reshape(*values.shape[:-1], -1))
 
 
 def find_damper_forms(terms: Sequence[MatrixForce]) -> DamperForms | None:
     """The fewest forms on which all damping terms act; None if these are all coordinates."""
     reached = np.any([touched(term.form) for term in terms], axis=0)
     components = np.flatnonzero(reached)
-    factors = [term.factored for term in terms]
-    if all(one is not None for one in factors):
-        stacked = np.concatenate([one.rows for one in factors if one is not None])
-        rows = np.unique(stacked, axis=0)
+    factors = [term.factored for term in terms if term.factored is not None]
+    if len(factors) == len(terms):
+        rows = np.unique(np.concatenate([one.rows for one in factors]), axis=0)
         if rows.shape[0] < components.size:
-            return DamperForms(rows=cast(Form, as_csr(rows)), components=None)
+            return DamperForms(rows=cast(Form, as_csr(rows)), are_components=False)
     if components.size == reached.size:
         return None
-    units = as_csr(sparse_unit(reached.size))[components]
-    return DamperForms(rows=cast(Form, units), components=components)
+    units = cast(Form, as_csr(sparse_unit(reached.size))[components])
+    return DamperForms(rows=units, are_components=True)

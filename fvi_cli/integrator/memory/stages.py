@@ -41,11 +41,6 @@ class StageExponentials:
     log_magnitudes: Array
     intake: Array  # s_{n+1} = R s_n + intake @ V_n, shape (J, m)
 
-    @cached_property
-    def change(self) -> Array:
-        """The same as :meth:`changes` of one step, which is kept."""
-        return self.changes(1)
-
     def changes(self, count: int) -> Array:
         """``R^count - 1`` in full relative accuracy, shape ``(J,)``.
 
@@ -117,23 +112,15 @@ class StageOperator:
 
         for a power, its derivative by the exponent, and a law. The power 0 is the identity.
         """
-        name, m = self.name, self.n_stages
-
-        h = sizes[:, None, None]
-
-        def scaled(theta: float, matrix: Array) -> Array:
-            return np.asarray(h**theta * matrix)
-
+        name, m, h = self.name, self.n_stages, sizes[:, None, None]
         if isinstance(term, float):
-            return scaled(term, _power(name, m, term))
+            return np.asarray(h**term * _power(name, m, term))
         if isinstance(term, Slope):
             block = self.local_blocks(term.exponent, sizes)
             return np.asarray(block @ _logarithm(name, m) + np.log(h) * block)
-
-        def power(theta: float) -> Array:
-            return scaled(theta, _power_of_coefficients(name, m, theta))
-
-        block = term.on_integration(h * self.matrix, power)
+        block = term.on_integration(
+            h * self.matrix, lambda theta: h**theta * _power_of_coefficients(name, m, theta)
+        )
         return np.asarray(self.to_values @ block @ self.to_coefficients)
 
     def exponentials(self, z: Array) -> StageExponentials:
@@ -178,16 +165,12 @@ def stage_operator(name: str, n_stages: int) -> StageOperator:
 def _in_values(name: str, n_stages: int, coefficients: Array) -> Array:
     """A matrix on coefficients as one on values at the stages."""
     operator = stage_operator(name, n_stages)
-    found = np.asarray(operator.to_values @ coefficients @ operator.to_coefficients)
-    found.setflags(write=False)
-    return found
+    return np.asarray(operator.to_values @ coefficients @ operator.to_coefficients)
 
 
 @cache
 def _power_of_coefficients(name: str, n_stages: int, theta: float) -> Array:
-    power = matrix_power(stage_operator(name, n_stages).matrix, theta)
-    power.setflags(write=False)
-    return power
+    return matrix_power(stage_operator(name, n_stages).matrix, theta)
 
 
 @cache

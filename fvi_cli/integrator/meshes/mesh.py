@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-import bisect
-import functools
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.break_points import ON_GRID, are_on_grid
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 
+ON_GRID = 1e-9
+"""A break point this close to a point of the mesh, relative to its time, is that point."""
 LARGEST_GRADING = 20.0  # exponent r
 
 
@@ -23,78 +24,56 @@ class Stretch:
 
     begin: float  # times of its ends; `end` is given exactly, it is no sum of steps
     end: float
-    n_steps: int  # number of steps
+    n_steps: int
     # size of each, the same bits in all stretches that have it, so that tables are shared
     step_size: float
-    # points at this distance from the beginning belong to the grid that is reported; 0: none
+    # every so many of its points belong to the grid that is reported; 0: none
     reported_every: int = 1
+    passed: int = 0  # steps of this size between the last point of that grid and the beginning
     # whether the motion may be singular at the beginning: the start, or a break point
     is_fresh: bool = False
+
+    @property
+    def reported(self) -> Places:
+        """Numbers, from 1 on, of the steps at whose ends a point is reported."""
+        if not self.reported_every:
+            return np.zeros(0, dtype=np.intp)
+        every = self.reported_every
+        return np.arange(every - self.passed % every, self.n_steps + 1, every)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
-    """Steps from 0 to T.
-
-    Parameters
-    ----------
-    stretches
-        One after the other, without gaps.
-
-    Raises
-    ------
-    ValueError
-        For stretches with gaps, without steps, or whose steps do not lead to their end.
-    """
+    """Steps from 0 to T: stretches one after the other, without gaps."""
 
     stretches: tuple[Stretch, ...]
-
-    def __post_init__(self) -> None:
-        if not self.stretches or self.stretches[0].begin != 0:
-            raise ArgumentError("mesh", "it must begin at 0")
-        for one, following in itertools.zip_longest(self.stretches, self.stretches[1:]):
-            if following is not None and following.begin != one.end:
-                raise ArgumentError("mesh", f"a gap at t = {one.end:g}")
-            length = one.end - one.begin
-            if one.n_steps < 1 or not length > 0 or not math.isfinite(length):
-                raise ArgumentError(
-                    "mesh", f"{one.n_steps} steps from {one.begin:g} to {one.end:g}"
-                )
-            displacement = one.n_steps * one.step_size
-            if abs(displacement - length) > 1e-9 * length + 1e-14 * one.end:
-                raise ArgumentError(
-                    "mesh", f"{one.n_steps} steps of {one.step_size:g} make {displacement:g}"
-                )
 
     @property
     def final_time(self) -> float:
         """T."""
         return self.stretches[-1].end
 
-    @functools.cached_property
+    @cached_property
     def n_steps(self) -> int:
         """Number of all steps, including steps that are not reported."""
         return sum(one.n_steps for one in self.stretches)
 
-    @functools.cached_property
+    @cached_property
     def shortest_step(self) -> float:
         """Least step size."""
         return min(one.step_size for one in self.stretches)
 
-    @functools.cached_property
+    @cached_property
     def equivalent_steps(self) -> float:
         """Sum of (shortest step / step): so many of the shortest steps have the same decay."""
-        shortest = self.shortest_step
-        return sum(one.n_steps * shortest / one.step_size for one in self.stretches)
+        return sum(one.n_steps * self.shortest_step / one.step_size for one in self.stretches)
 
-    @functools.cached_property
+    @cached_property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
-        return sum(
-            one.n_steps // one.reported_every for one in self.stretches if one.reported_every
-        )
+        return sum(one.reported.size for one in self.stretches)
 
-    @functools.cached_property
+    @cached_property
     def times(self) -> Array:
         """Points of all steps, shape ``(n + 1,)``."""
         inside = [one.begin + one.step_size * np.arange(1, one.n_steps) for one in self.stretches]
@@ -108,25 +87,31 @@ class Mesh:
             [one.step_size for one in self.stretches], [one.n_steps for one in self.stretches]
         )
 
-    def check_breaks(self, breaks: tuple[float, ...]) -> None:
-        """Refuse a mesh with a break point inside of a step.
 
-        Raises
-        ------
-        ValueError
-            With the break point and the step.
-        """
-        ends = [one.end for one in self.stretches]
-        for time in breaks:
-            one = self.stretches[min(bisect.bisect_left(ends, time), len(ends) - 1)]
-            place = (time - one.begin) / one.step_size
-            distance = abs(place - round(place))
-            if distance > ON_GRID * max(1.0, place) + 4 * math.ulp(time) / one.step_size:
-                raise ArgumentError(
-                    "mesh",
-                    f"the break point t = {time:g} of the forcing lies inside of a step of "
-                    f"length {one.step_size:g}; make it a point of the mesh",
-                )
+def place_breaks(times: Array, breaks: Sequence[float]) -> list[int]:
+    """Indices of the points of a mesh at break points.
+
+    Raises
+    ------
+    ValueError
+        If a break point lies inside of a step.
+    """
+    places = [int(np.abs(times - one).argmin()) for one in breaks]
+    for place, one in zip(places, breaks, strict=True):
+        if not math.isclose(times[place], one, rel_tol=ON_GRID):
+            raise ArgumentError(
+                "mesh", f"the break point t = {one:g} lies inside of a step; make it a point"
+            )
+    return places
+
+
+def misplaced_break_point(breaks: Sequence[float], final_time: float, n_steps: int) -> str:
+    """Which break point lies inside one of N equal steps, and what to write; empty if none does."""
+    for one in breaks:
+        place = one / final_time * n_steps
+        if abs(place - round(place)) > ON_GRID * max(1.0, place):
+            return f"the break point t = {one:g} inside a step; write an N that makes N t / T whole"
+    return ""
 
 
 def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
@@ -140,12 +125,7 @@ def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
         raise ArgumentError("mesh", "the times must increase from 0")
-    fresh = {0}
-    for one in breaks:
-        index = int(np.abs(times - one).argmin())
-        if abs(times[index] - one) > ON_GRID * float(np.diff(times).min()):
-            raise ArgumentError("mesh", f"the break point t = {one:g} is not one of its points")
-        fresh.add(index)
+    fresh = {0, *place_breaks(times, breaks)}
     return Mesh(
         stretches=tuple(
             Stretch(begin=a, end=b, n_steps=1, step_size=b - a, is_fresh=index in fresh)
@@ -154,72 +134,44 @@ def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
     )
 
 
-def steps_of_parts(ends: tuple[float, ...], n_steps: int) -> tuple[int, ...]:
-    """How many of `n_steps` steps each part between successive `ends` gets: by length, >= 1.
+def share_steps(ends: Sequence[float], n_steps: int) -> Array:
+    """Numbers of steps of the parts between successive ends: those to the nearest grid points.
+
+    `ends` are from 0 to T. Every part has a step at least.
 
     Raises
     ------
     ValueError
         If there are fewer steps than parts.
     """
-    lengths = [b - a for a, b in itertools.pairwise(ends)]
-    if n_steps < len(lengths):
+    order = np.arange(len(ends))
+    if n_steps < order[-1]:
         raise ArgumentError(
             "n_steps",
-            f"{n_steps} is not allowed; {len(lengths)} parts between break points need "
+            f"{n_steps} is not allowed; {order[-1]} parts between break points need "
             "at least one step each",
         )
-    shares = [n_steps * length / sum(lengths) for length in lengths]
-    counts = [max(1, math.floor(share)) for share in shares]
-    while sum(counts) != n_steps:
-        step = 1 if sum(counts) < n_steps else -1
-        able = [i for i, count in enumerate(counts) if step > 0 or count > 1]
-        index = max(able, key=lambda i: step * (shares[i] - counts[i]))
-        counts[index] += step
-    return tuple(counts)
-
-
-def _parts(
-    final_time: float, n_steps: int, breaks: tuple[float, ...]
-) -> list[tuple[float, float, int, float]]:
-    """Begin, end, number of steps and step size of every part between break points.
-
-    If all break points lie on the grid of N equal steps, its steps are taken.
-    """
-    h = final_time / n_steps
-    places = [one / h for one in breaks]
-    ends = (0.0, *breaks, final_time)
-    if are_on_grid(np.array(places)).all() and all(
-        round(a) < round(b) for a, b in itertools.pairwise([0, *places, n_steps])
-    ):
-        indices = [0, *(round(p) for p in places), n_steps]
-        counts = [b - a for a, b in itertools.pairwise(indices)]
-        # break points may lie slightly off the grid: steps must end on them
-        sizes = [
-            h if abs(n * h - (b - a)) <= 1e-12 * (b - a) + 4 * math.ulp(b) else (b - a) / n
-            for (a, b), n in zip(itertools.pairwise(ends), counts, strict=True)
-        ]
-    else:
-        counts = list(steps_of_parts(ends, n_steps))
-        sizes = [(b - a) / n for (a, b), n in zip(itertools.pairwise(ends), counts, strict=True)]
-    return [
-        (a, b, n, size)
-        for (a, b), n, size in zip(itertools.pairwise(ends), counts, sizes, strict=True)
-    ]
+    nearest = np.rint(n_steps * (np.array(ends) / ends[-1])).astype(int)
+    nearest = np.maximum.accumulate(nearest - order) + order
+    return np.diff(np.minimum(nearest, n_steps - order[::-1]))
 
 
 def uniform_mesh(final_time: float, n_steps: int, breaks: tuple[float, ...] = ()) -> Mesh:
-    """N equal steps; on every part between break points that do not fit, equal steps of its own."""
-    return Mesh(
-        stretches=tuple(
-            Stretch(begin=a, end=b, n_steps=n, step_size=size, is_fresh=True)
-            for a, b, n, size in _parts(final_time, n_steps, breaks)
-        )
-    )
+    """N equal steps; a part between break points that are not on the grid has steps of its own."""
+    ends, h = (0.0, *breaks, final_time), final_time / n_steps
+    stretches = []
+    for (a, b), count in zip(
+        itertools.pairwise(ends), share_steps(ends, n_steps).tolist(), strict=True
+    ):
+        # break points may lie slightly off the grid: steps must end on them
+        on_grid = abs(count * h - (b - a)) <= 1e-12 * (b - a) + 4 * math.ulp(b)
+        size = h if on_grid else (b - a) / count
+        stretches.append(Stretch(begin=a, end=b, n_steps=count, step_size=size, is_fresh=True))
+    return Mesh(stretches=tuple(stretches))
 
 
-def check_graded(ends: tuple[float, ...], n_steps: int, grading: float) -> tuple[int, ...]:
-    """How many of `n_steps` graded steps each part between successive `ends` gets.
+def check_graded(ends: Sequence[float], n_steps: int, grading: float) -> Array:
+    """As :func:`share_steps`, for graded steps.
 
     Raises
     ------
@@ -231,7 +183,7 @@ def check_graded(ends: tuple[float, ...], n_steps: int, grading: float) -> tuple
         raise ArgumentError(
             "grading", f"{grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
         )
-    counts = steps_of_parts(ends, n_steps)
+    counts = share_steps(ends, n_steps)
     for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True):
         first = (b - a) * (1.0 / count) ** grading
         # the second point must differ from the first, and the third from the second
@@ -247,7 +199,7 @@ def check_graded(ends: tuple[float, ...], n_steps: int, grading: float) -> tuple
 def graded_mesh(
     final_time: float, n_steps: int, grading: float, breaks: tuple[float, ...] = ()
 ) -> Mesh:
-    r"""Steps with ends :math:`t_k = a + (b - a) (k/N)^r` on every part [a, b].
+    r"""Steps with ends :math:`t_k = a + (b - a) (k/n)^r` on every part [a, b].
 
     Parameters
     ----------
@@ -263,23 +215,14 @@ def graded_mesh(
     Raises
     ------
     ValueError
-        For a grading out of range, a mesh whose first step vanishes in round-off, and fewer steps
-        than parts.
+        As :func:`check_graded`.
     """
     ends = (0.0, *breaks, final_time)
     counts = check_graded(ends, n_steps, grading)
     if grading == 1:
         return uniform_mesh(final_time, n_steps, breaks)
-    stretches = []
-    for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True):
-        fractions = (np.arange(count + 1) / count) ** grading
-        times = a + (b - a) * fractions
-        times[-1] = b
-        sizes = (b - a) * np.diff(fractions)
-        stretches += [
-            Stretch(begin=begin, end=end, n_steps=1, step_size=size, is_fresh=index == 0)
-            for index, (begin, end, size) in enumerate(
-                zip(times[:-1].tolist(), times[1:].tolist(), sizes.tolist(), strict=True)
-            )
-        ]
-    return Mesh(stretches=tuple(stretches))
+    parts = [
+        a + (b - a) * (np.arange(count) / count) ** grading
+        for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True)
+    ]
+    return mesh_of(np.concatenate([*parts, [final_time]]), breaks)

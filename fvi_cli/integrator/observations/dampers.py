@@ -28,7 +28,7 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import damping_along
-from fvi_cli.integrator.damping.directions import pattern_of
+from fvi_cli.integrator.memory.damping import pattern_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.motion import (
     Combination,

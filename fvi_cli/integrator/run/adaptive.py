@@ -10,17 +10,14 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.local_error.defect import StepPath
-from fvi_cli.integrator.local_error.examine import Examiner
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps, StepController
-from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps, StepController
+from fvi_cli.integrator.meshes.forces import StepPath
+from fvi_cli.integrator.meshes.local_error import LocalError
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.points import Proposal, why_unsolved
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
-MOST_SHORTEST = 256.0
-"""Bound on ``shortest_step * sum(1 / h_n)`` of an adaptive run, for which its memory is chosen."""
 UNKEPT = "the local error cannot be kept"
 
 
@@ -37,14 +34,7 @@ def step_controller(scene: Scene, method: Method, steps: AdaptiveSteps) -> StepC
             f"mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
             f"for {method.label}"
         )
-    is_singular = start_power(scene, at_start=True) is not None
-    return StepController(
-        steps,
-        final_time=scene.final_time,
-        breaks=scene.break_points,
-        stages=method.degree,
-        is_singular=is_singular or bool(scene.break_points),
-    )
+    return StepController(steps, scene, method.degree)
 
 
 class AdaptiveSource:
@@ -52,9 +42,7 @@ class AdaptiveSource:
 
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self.controller = step_controller(scene, method, steps)
-        self._examiner = Examiner(
-            scene, step_tables(method), may_miss=steps.may_miss, samples=steps.samples
-        )
+        self._local_error = LocalError(scene, step_tables(method), steps.may_miss)
         self._most_steps = steps.most_steps
         self.failure: Failure | None = None
         self._done = 0
@@ -86,8 +74,8 @@ class AdaptiveSource:
             self._error = StepFailedError(UNKEPT)
             scale += h * _largest(unknowns)
             path = StepPath(begin=controller.time, size=h, position=position, unknowns=unknowns)
-            error = self._examiner.local_error(
-                path, controller.tolerance_for(scale), fresh=controller.is_fresh
+            error = self._local_error.of(
+                path, controller.tolerance_for(scale), is_fresh=controller.is_fresh
             )
         if not controller.judge(h, error, scale):
             return None

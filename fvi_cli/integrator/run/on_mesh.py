@@ -10,14 +10,18 @@ import numpy as np
 
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.break_points import ON_GRID, steps_at_break_points
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
-from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps
+from fvi_cli.integrator.meshes.graded import graded_start_mesh, start_power
+from fvi_cli.integrator.meshes.mesh import (
+    ON_GRID,
+    Mesh,
+    misplaced_break_point,
+    place_breaks,
+    uniform_mesh,
+)
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.adaptive import MOST_SHORTEST, AdaptiveSource, step_controller
+from fvi_cli.integrator.run.adaptive import AdaptiveSource, step_controller
 from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, has_rough_momenta, trajectory_of
@@ -44,7 +48,9 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
         )
     if not method.is_runge_kutta:
         # all steps are equal: break points between two of them are refused
-        steps_at_break_points(scene, n_steps)
+        misplaced = misplaced_break_point(scene.break_points, scene.final_time, n_steps)
+        if misplaced:
+            raise ValueError(f"n_steps: {n_steps} puts {misplaced}")
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
@@ -96,31 +102,30 @@ def prepare(
         For starting weights with a general Lagrangian, and as for :func:`engine_for`.
     """
     engine = engine or engine_for(scenes, method, steps, most=most)
-    mesh, remarks = None, tuple[str, ...]()
+    mesh = None
     source: Source
     if isinstance(steps, Mesh):
         mesh, source = steps, MeshSource(steps)
     else:
         source = AdaptiveSource(scenes[0], method, steps)
     if mesh and method.start == "weights" and scenes[0].active_damping:
-        remarks = _add_starting_weights(engine, mesh)
+        _add_starting_weights(engine, mesh)
     recorder = Recorder(
         engine,
         every=every,
         with_steps=with_steps,
     )
-    return ScenesRun(engine, source, recorder, mesh, remarks)
+    return ScenesRun(engine, source, recorder, mesh)
 
 
-def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
-    """Add the force of the starting weights of one scene to its loads; returns remarks."""
-    from fvi_cli.integrator.starts.starting_weights import corrected_start
+def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
+    """Add the force of the starting weights of one scene to its loads."""
+    # most runs need no scipy.special
+    from fvi_cli.integrator.starting_weights import starting_loads
 
-    (scene,), method, tables = engine.scenes, engine.method, engine.tables
-    if scene.lagrangian is not None:
-        raise ValueError("start: weights are not made for a general Lagrangian; use none")
+    (scene,), tables = engine.scenes, engine.tables
     h = scene.final_time / mesh.n_steps
-    fresh = {0, *steps_at_break_points(scene, mesh.n_steps)}
+    fresh = {0, *place_breaks(mesh.times, scene.break_points)}
 
     def first_samples(loads: Array, n_steps: int) -> Array:
         state = engine.start()
@@ -135,10 +140,7 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> tuple[str, ...]:
             engine.accept(state, steps, (index + 1) * h)
         return found
 
-    loads, remarks = corrected_start(scene, method, tables, mesh.n_steps, first_samples)
-    if loads is not None:
-        engine.add_loads(0, loads)
-    return remarks
+    engine.add_loads(0, starting_loads(scene, engine.method, mesh.n_steps, first_samples))
 
 
 @in_one_thread
@@ -194,4 +196,4 @@ def integrate_scenes(
 def _check_mesh(mesh: Mesh, scene: Scene) -> None:
     if not math.isclose(mesh.final_time, scene.final_time, rel_tol=1e-12):
         raise ValueError(f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}")
-    mesh.check_breaks(scene.break_points)
+    place_breaks(mesh.times, scene.break_points)

@@ -24,7 +24,9 @@ class Proposal(NamedTuple):
     is_fresh: bool  # whether the motion may be singular at `begin`: the start, or a break point
     origin: float  # begin of the stretch: step k of these ends at origin + h (first + k)
     first: int = 0  # steps of the stretch that are done
-    reported_every: int = 1  # points at this distance from `origin` are reported; 0: none
+    # every so many of the steps has a point that is reported, counted from `passed` on; 0: none
+    reported_every: int = 1
+    passed: int = 0
 
 
 class Source(Protocol):
@@ -62,6 +64,7 @@ class MeshSource:
             origin=one.begin,
             first=self._done,
             reported_every=one.reported_every,
+            passed=one.passed,
         )
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
@@ -130,6 +133,7 @@ def points_of(
     every = spread([one.reported_every for one in proposals])
     reported = np.broadcast_to(every > 0, number.shape)
     if every.max() > 1:
+        number = number + spread([one.passed for one in proposals])
         reported = reported & (number % np.maximum(every, 1) == 0)
     x, p = engine.to_scene(join(position), join(momentum))
     found = Points(

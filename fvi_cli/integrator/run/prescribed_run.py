@@ -15,15 +15,15 @@ import numpy as np
 
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
-from fvi_cli.integrator.meshes.graded_start import (
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
+from fvi_cli.integrator.meshes.graded import (
     ROUND_OFF,
     graded_start_mesh,
     graded_window,
     least_step,
     window_of,
 )
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, steps_of_parts, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, share_steps, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.on_mesh import AnySteps
@@ -80,10 +80,7 @@ def integrate_prescribed(
 
 
 def _reported(stretch: Stretch) -> Array:
-    count, every = stretch.n_steps, stretch.reported_every
-    if not every:
-        return np.zeros(count, dtype=bool)
-    return np.asarray(np.arange(1, count + 1) % every == 0)
+    return np.asarray(np.isin(np.arange(1, stretch.n_steps + 1), stretch.reported))
 
 
 def prescribed_mesh(motion: PrescribedMotion, method: Method, steps: AnySteps) -> Mesh:
@@ -122,7 +119,7 @@ def _graded(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
 def _alike(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
     """A mesh graded by powers of 2 after kinks at any times: steps share sizes, and so tables."""
     ends = (0.0, *motion.break_points, motion.final_time)
-    counts = steps_of_parts(ends, n_steps)
+    counts = share_steps(ends, n_steps)
     stretches: list[Stretch] = []
     for begin, end, count in zip(ends, ends[1:], counts, strict=False):
         unit = 2.0 ** math.floor(math.log2((end - begin) / count))

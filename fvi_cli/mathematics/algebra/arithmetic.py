@@ -1,13 +1,12 @@
-"""The functions that formulas call: on arrays, and by rules on other kinds of values."""
+"""The functions that formulas call, on arrays and on numbers."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
-from typing import Any, ClassVar, Final, TypeVar, cast
+from typing import Final, TypeVar, cast
 
 import numpy as np
-from numpy.lib.mixins import NDArrayOperatorsMixin
 
 from fvi_cli.mathematics.arrays import Array
 
@@ -34,33 +33,6 @@ class ExpressionError(ValueError):
         return self.message if self.column is None else f"column {self.column}: {self.message}"
 
 
-class Algebra(NDArrayOperatorsMixin):
-    """A value on which formulas work as on arrays, by the operators and functions of NumPy."""
-
-    rules: ClassVar[Mapping[str, Callable[..., Any]]]
-    """How to compute each function, by its name in NumPy or in :data:`INNER_FUNCTIONS`."""
-
-    __eq__ = object.__eq__
-    __hash__ = object.__hash__
-
-    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
-        """Value of a function of NumPy, of values of this kind and numbers."""
-        return self.apply(ufunc.__name__, *inputs)
-
-    @classmethod
-    def apply(cls, name: str, *inputs: Any) -> Any:
-        """Value of a function, given by its name, of values of this kind and numbers.
-
-        Raises
-        ------
-        ExpressionError
-            If there is no rule for the function.
-        """
-        if name not in cls.rules:
-            raise ExpressionError(f"the function {name!r} is not available here")
-        return cls.rules[name](*inputs)
-
-
 def _gamma(argument: Array) -> Array:
     # SciPy's special functions are slow to import and few scenes call for them
     from scipy.special import gamma
@@ -74,24 +46,11 @@ def _digamma(argument: Array) -> Array:
     return digamma(argument)
 
 
-def _by_rules(function: Callable[..., Array]) -> Callable[..., Any]:
-    """A function that NumPy lacks, on arrays and by the rules of an :class:`Algebra`."""
-    name = function.__name__.removeprefix("_")
-
-    def called(*arguments: Any) -> Any:
-        own = next((one for one in arguments if isinstance(one, Algebra)), None)
-        return function(*arguments) if own is None else own.apply(name, *arguments)
-
-    return called
-
-
-@_by_rules
 def _select(a: Array, b: Array, below: Array, above: Array) -> Array:
     both = 0.5 * (np.asarray(below) + above)
     return np.asarray(np.where(a < b, below, np.where(a > b, above, both)))
 
 
-@_by_rules
 def _log_times(factor: Array, argument: Array) -> Array:
     return np.asarray(np.where(factor == 0, 0.0, factor * np.log(argument)))
 

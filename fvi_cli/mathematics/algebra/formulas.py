@@ -9,7 +9,7 @@ its algebra and nothing else.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from types import CodeType, FunctionType
@@ -19,6 +19,7 @@ import numpy as np
 
 from fvi_cli.mathematics.algebra.arithmetic import (
     INNER_FUNCTIONS,
+    KINKED,
     NUMPY_FUNCTIONS,
     ExpressionError,
     value_of,
@@ -76,6 +77,30 @@ class FormulaSystem:
         """Functions that occur, including those that only derivatives call."""
         return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
 
+    @cached_property
+    def kinked(self) -> frozenset[str]:
+        """Variables on which functions with kinks depend."""
+        every = (self.instructions[place] for place in self.needed)
+        used = tuple(place for one in every if one[0] in KINKED for place in operands(one))
+        return frozenset(FormulaSystem(self.instructions, used).names)
+
+    def constants(
+        self, parameters: Mapping[str, float], variables: Collection[str]
+    ) -> list[float] | None:
+        """The values of all outputs by parameters, or None if one of the variables occurs.
+
+        Raises
+        ------
+        ExpressionError
+            If one of the values is not a finite number.
+        """
+        if not set(variables).isdisjoint(self.names):
+            return None
+        values = [float(one) for one in self.evaluate(parameters)]
+        if not np.isfinite(values).all():
+            raise ExpressionError("a derivative is constant, but not a finite real number")
+        return values
+
     def __getitem__(self, which: slice) -> FormulaSystem:
         """The program of some outputs."""
         return FormulaSystem(self.instructions, self.outputs[which])
@@ -85,18 +110,16 @@ class FormulaSystem:
         values: Mapping[str, T | float],
         functions: Mapping[str, Callable[..., T]] | None = None,
     ) -> list[T | float]:
-        """The values for given variables: arrays, numbers or values of an :class:`Algebra`.
+        """The values for given variables: arrays or numbers, one value per output.
 
         For other kinds of numbers, give the `functions` that occur. Integral exponents arrive
-        as ``int``. Floating-point arithmetic never warns or raises here.
-
-        Values are given for every one of :attr:`names`; arrays broadcast. One value per output, a
-        ``float`` where no variable takes part or all are numbers.
+        as ``int``. Floating-point arithmetic never warns or raises here. Arrays broadcast; a
+        value is a ``float`` where no variable takes part or all are numbers.
 
         Raises
         ------
         ExpressionError
-            If a value or a rule for a function is missing.
+            If the value of one of :attr:`names` is missing.
         """
         given = [value_of(name, values) for name in self.names]
         run = self.compiled if functions is None else self.compiled_with(functions)

@@ -13,7 +13,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.meshes.singular_start import LEAST_POWER, fractional_power
+from fvi_cli.integrator.meshes.graded import LEAST_POWER, force_power
 from fvi_cli.keys.complaints import KeyPath
 from fvi_cli.keys.cursor import PLAIN
 from fvi_cli.keys.settings import Positive, Setting
@@ -174,12 +174,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
     def build_problem(self, *, search: bool = True) -> Problem:
         """The scene with its exact solution if that is known."""
         scene = self.build_scene()
-        power = None if scene.forcing is None else fractional_power(scene.forcing.pieces[0])
+        power = force_power(scene, at_start=True)
         if power is not None and power < LEAST_POWER:
             reason = f"begins like t**{power:g}; steps take powers from {LEAST_POWER} on"
             raise ArgumentError("forcing", reason)
         exact: Callable[[Array], Array] | None = None
-        source, error = "unknown", 0.0
+        source = "unknown"
         if self.exact == "none":
             source = "none"
         elif self.exact != "auto":
@@ -188,18 +188,12 @@ class SceneKind(Kind, refused=shared.WRONG_AT_PROBLEM, declares="parameters"):
             exact, source = ForcingPiece(components=components).evaluate, "expression"
             if reason := objection(exact, scene):
                 raise ArgumentError("exact", reason)
-        elif search and scene.is_linear:
-            # a slow import, needed only for the search
-            from fvi_cli.scenes.linear_response import trusted_solution
-
-            exact, source, error = trusted_solution(scene)
         ground = [name for name in self.forces if name != "forcing"]
         return Problem(
             kind=self.kind,
             scene=scene,
             exact=exact,
             exact_source=source,
-            exact_error=error,
             equation=_with_laws(self.equation, scene),
             coordinates=self.own_names() or _numbered(scene.dimension),
             inputs={name: self._driver(name, ()) for name in ground},

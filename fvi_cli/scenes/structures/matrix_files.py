@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import io
-import math
 import re
+import warnings
 import zipfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -20,7 +20,6 @@ from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.scenes.records.data_files import (
     DataFileError,
     check_lines,
-    parse_number,
     read_content,
 )
 
@@ -30,9 +29,8 @@ MOST_ROWS: Final = 300_000
 """Most rows of a sparse matrix."""
 MOST_DENSE_ROWS: Final = 2000
 """Most rows of a dense matrix."""
-_COMMENTS: Final = re.compile(rb"(?:%[^\n]*\n|[ \t\r]*\n)*+")
-_DIGITS: Final = b"0123456789+-.eE \t\r\n"
-_BETWEEN: Final = re.compile(r"[,;\s]+")
+_COMMENTS: Final = re.compile(rb"(?:[ \t]*%[^\n]*\n|[ \t\r]*\n)*+")
+_DIGITS: Final = b"0123456789+-.eEdD \t\r\n"
 
 
 def read_matrix(path: Path, name: str, variable: str | None = None) -> Form:
@@ -108,20 +106,25 @@ def _check_rows(shape: Sequence[int], name: str, *, sparse: bool) -> None:
 def _market(content: bytes, name: str) -> Any:
     from scipy.io import mminfo, mmread
 
-    rows, columns, entries, layout, *_ = mminfo(io.BytesIO(content))
+    begin = _COMMENTS.match(content)
+    place = begin.end() if begin else 0
+    _check_digits(content, place, name)
+    # SciPy expects neither 1.5D+00, nor blanks before comments, nor a banner in small letters
+    banner = content.partition(b"\n")[0].lower().replace(b"market", b"Market", 1) + b"\n"
+    banner = banner.replace(b"%%matrix", b"%%Matrix", 1)
+    numbers = content[place:].translate(bytes.maketrans(b"Dd", b"ee"))
+    plain = banner + numbers
+    rows, columns, entries, layout, *_ = mminfo(io.BytesIO(plain))
     if layout == "coordinate":
         _check_rows((rows, columns), name, sparse=True)
     # an entry takes a digit and a line break, at least
-    if 2 * entries > len(content) + 2:
-        raise ValueError(f"{entries} entries are declared, {len(content)} bytes are there")
-    _check_digits(content, name)
-    return mmread(io.BytesIO(content), spmatrix=False)
+    if 2 * entries > len(plain) + 2:
+        raise ValueError(f"{entries} entries are declared, {len(plain)} bytes are there")
+    return mmread(io.BytesIO(plain), spmatrix=False)
 
 
-def _check_digits(content: bytes, name: str) -> None:
-    """Refuse numbers that SciPy would read in part: it reads 1,5 and 1_0 and 1D5 as 1."""
-    begin = _COMMENTS.match(content)
-    place = begin.end() if begin else 0
+def _check_digits(content: bytes, place: int, name: str) -> None:
+    """Refuse numbers that SciPy would read in part: it reads 1,5 and 1_0 as 1."""
     odd = content[place:].translate(None, _DIGITS)
     if odd:
         line = content.count(b"\n", 0, content.index(odd[:1], place)) + 1
@@ -133,31 +136,11 @@ def _check_digits(content: bytes, name: str) -> None:
 
 def _text(content: bytes, name: str) -> NDArray[np.float64]:
     check_lines(content, name)
-    rows: list[list[float]] = []
-    for number, line in enumerate(content.decode("utf-8-sig").splitlines(), start=1):
-        bare = line.split("#")[0].strip()
-        if not bare:
-            continue
-        row = []
-        for cell in _BETWEEN.split(bare):
-            try:
-                row.append(parse_number(cell))
-            except ValueError:
-                raise DataFileError(
-                    f"{name}:{number}: {excerpt(cell)!r} is not a number; every line must be a "
-                    "row of numbers"
-                ) from None
-            if not math.isfinite(row[-1]):
-                raise DataFileError(
-                    f"{name}:{number}: the entry in row {len(rows) + 1}, column {len(row)} is "
-                    f"{cell}; every entry must be finite"
-                )
-        if rows and len(row) != len(rows[0]):
-            raise DataFileError(
-                f"{name}:{number}: {len(row)} entries where the first row has {len(rows[0])}"
-            )
-        rows.append(row)
-    return np.array(rows, dtype=float)
+    text = content.decode("utf-8-sig").replace(",", " ").replace(";", " ")
+    with warnings.catch_warnings():
+        # a text without numbers is a mistake
+        warnings.simplefilter("error")
+        return np.loadtxt(io.StringIO(text), ndmin=2)
 
 
 def _npz(content: bytes, name: str, variable: str | None) -> Any:

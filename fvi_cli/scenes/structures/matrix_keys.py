@@ -12,7 +12,7 @@ from fvi_cli.effects.matrices import (
     Form,
     SparseMatrix,
     as_csr,
-    is_definite,
+    indefinite_words,
     is_sparse,
     sparse_unit,
 )
@@ -56,7 +56,7 @@ def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
         return matrix_as_numbers(read_matrix(file, name, variable))
 
     found = with_digest(values, at, ("matrix", file, variable), read)
-    if positive and found is not INVALID and not is_definite(_matrix_of_digest(found["digest"])):
+    if positive and found is not INVALID and indefinite_words(_matrix_of_digest(found["digest"])):
         return at.refuse(
             f"{name}: an eigenvalue is zero or negative; a mass must be positive definite", "file"
         )

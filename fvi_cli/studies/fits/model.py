@@ -12,7 +12,7 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.gradients.parameters import Described, parameter_of
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.observations.dampers import damper_values
 from fvi_cli.integrator.observations.request import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps

@@ -7,9 +7,8 @@ import math
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.meshes.samples import ForceSamples
 from fvi_cli.integrator.method import ForcingQuadrature, Method
 from fvi_cli.integrator.run.on_mesh import engine_for, integrate_scenes
 from fvi_cli.integrator.trajectory import Trajectory
@@ -27,7 +26,7 @@ def gauss(scene: Scene, degree: int) -> Method:
 class AdaptiveRuns:
     """Runs of one scene by one Gauss method; each run has one local tolerance.
 
-    The samples of a record are points of the mesh; a run with more than `most_steps` fails.
+    A run with more than `most_steps` fails.
     """
 
     def __init__(
@@ -35,12 +34,11 @@ class AdaptiveRuns:
         scene: Scene,
         degree: int,
         *,
-        samples: ForceSamples,
         max_step: float | None = None,
         most_steps: int = MOST_STEPS,
     ) -> None:
         self._scene, self._method = scene, gauss(scene, degree)
-        self._samples, self._most_steps = samples, most_steps
+        self._most_steps = most_steps
         self._max_step = math.inf if max_step is None else max_step
         self._engine: Engine | None = None
 
@@ -51,8 +49,6 @@ class AdaptiveRuns:
             may_miss=may_miss,
             most_steps=self._most_steps,
             max_step=self._max_step,
-            points=knots_of(self._scene),
-            samples=self._samples,
         )
         scene, method = self._scene, self._method
         if self._engine is None:
@@ -64,11 +60,3 @@ class AdaptiveRuns:
 def run_on(scene: Scene, degree: int, mesh: Mesh) -> Trajectory:
     """A run on a given mesh, with its polynomials."""
     return integrate(scene, gauss(scene, degree), mesh, with_steps=True)
-
-
-def knots_of(scene: Scene) -> tuple[float, ...]:
-    """Times within the run at which the forcing has samples."""
-    if scene.forcing is None:
-        return ()
-    found = {float(t) for one in scene.forcing.samples for t in one.knots}
-    return tuple(sorted(t for t in found if 0.0 < t < scene.final_time))

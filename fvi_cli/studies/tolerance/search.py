@@ -15,8 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.local_error.forces import SceneForces
-from fvi_cli.integrator.meshes.samples import sample_forces
+from fvi_cli.integrator.meshes.looks import has_kinks, is_steep
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
@@ -151,15 +150,13 @@ class _Search:
         self.guess = likely_amplitude(self.scene)
         degree = self.wanted.stages or (8 if self.digits <= FEW_DIGITS else 10)
         local = first_local(self.target(self.guess), self.guess)
-        samples = sample_forces(self.scene)
         runs, finer = (
-            AdaptiveRuns(self.scene, one, samples=samples, max_step=self.wanted.max_step)
+            AdaptiveRuns(self.scene, one, max_step=self.wanted.max_step)
             for one in (degree, degree + 2)
         )
         # on one mesh two runs may miss the same feature
-        forces = SceneForces(self.scene)
-        is_rough = forces.is_steep
-        least_gain = BESIDE_KINKS if forces.has_kinks else 1.0 if is_rough else LEAST_GAIN
+        is_rough, is_kinked = is_steep(self.scene), has_kinks(self.scene)
+        least_gain = BESIDE_KINKS if is_kinked else 1.0 if is_rough else LEAST_GAIN
         before, still, failed, target = math.inf, 0, 0, 0.0
         for _ in range(MOST_ROUNDS):
             # what hides does not fall with the steps as other errors do
@@ -199,7 +196,7 @@ class _Search:
             if self.rounding is not None and self._rounded(run) > target:
                 return self._is_limited_by_rounding(one, target)
             # runs that are dominated by round-off may agree by accident
-            is_enough = still == 0 or forces.has_kinks
+            is_enough = still == 0 or is_kinked
             if one.estimate <= (target if is_enough else STALLED_SHARE * target):
                 return self._result(one, "met", "")
             factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))

@@ -5,7 +5,7 @@ import numpy as np
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.integrator.balances.balance import loads_along
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.loads.step_loads import StepLoads
+from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import linear_oscillator

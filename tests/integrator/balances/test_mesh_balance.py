@@ -12,7 +12,7 @@ from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory

@@ -16,7 +16,7 @@ from fvi_cli.integrator.gradients import linearised
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.gradients.linearised import LinearisedRun, Maps
 from fvi_cli.integrator.gradients.parameters import entries_of
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.request import names_of

@@ -24,7 +24,7 @@ from fvi_cli.integrator.gradients.quantity import (
     quantity_at,
     velocity_at,
 )
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.dampers import forces_along

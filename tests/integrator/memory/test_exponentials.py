@@ -40,7 +40,7 @@ def apply(memory: Exponentials, steps: Array, values: Array) -> Array:
     for n, h in enumerate(steps):
         tables = memory.kernels(float(h), 1)
         for k, one in enumerate(powers_of(memory)):
-            result[k, n] = tables.local[k] @ values[n] + tables.past([states], [one], 1)[0]
+            result[k, n] = tables.sequence[k, 0] @ values[n] + tables.past([states], [one], 1)[0]
         states = tables.push(states, values[None, n], 1)
     return result
 

@@ -22,7 +22,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory
 from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.kernel import power_kernel
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -53,7 +53,7 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
     whole = np.zeros((n, m, n, m))
     tables = [memory.kernels(float(h), 1) for h in steps]
     for first in range(n):
-        whole[first, :, first] = tables[first].local[1]
+        whole[first, :, first] = tables[first].sequence[1, 0]
         inputs = np.eye(m)[:, :, None]
         states = tables[first].push(np.zeros((m, memory.n_states, 1)), inputs, 1)
         for later in range(first + 1, n):

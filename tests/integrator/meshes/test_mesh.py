@@ -1,7 +1,5 @@
 """Meshes as values: points, shares, and what cannot be built."""
 
-import itertools
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -10,24 +8,12 @@ from spread import spread
 
 from fvi_cli.integrator.meshes.mesh import (
     Mesh,
-    Stretch,
     graded_mesh,
     mesh_of,
-    steps_of_parts,
+    misplaced_break_point,
+    share_steps,
     uniform_mesh,
 )
-
-Array = np.ndarray
-
-
-def points(mesh: Mesh) -> Array:
-    """All points, each from the beginning of its stretch as the march has them."""
-    found = [np.zeros(1)]
-    for one in mesh.stretches:
-        own = one.begin + one.step_size * np.arange(1, one.n_steps + 1)
-        own[-1] = one.end
-        found.append(own)
-    return np.concatenate(found)
 
 
 def fresh(mesh: Mesh) -> list[float]:
@@ -51,18 +37,19 @@ def test_break_points_on_the_grid_leave_the_steps_equal():
     assert {one.step_size for one in mesh.stretches} == {0.1}
     assert [one.n_steps for one in mesh.stretches] == [3, 4, 3]
     assert fresh(mesh) == [0.0, 0.1 * 3, 0.7]
+    assert not misplaced_break_point((0.1 * 3, 0.7), 1.0, 10)
+    assert "t = 0.7 inside a step" in misplaced_break_point((0.5, 0.7), 1.0, 8)
 
 
 @spread(breaks=[(0.333,), (0.25, 0.26), (1e-9,), (0.1, 0.2, 0.999)], grading=[1.0, 2.0, 3.5])
 def test_break_points_off_the_grid_are_points(breaks, grading):
     mesh = graded_mesh(1.0, 40, grading, breaks)
-    at = points(mesh)
-    assert mesh.n_steps == mesh.n_reported == at.size - 1 == 40
-    assert at[0] == 0.0
-    assert at[-1] == 1.0
-    assert (np.diff(at) > 0).all()
+    assert mesh.n_steps == mesh.n_reported == mesh.times.size - 1 == 40
+    assert mesh.times[0] == 0.0
+    assert mesh.times[-1] == 1.0
+    assert (np.diff(mesh.times) > 0).all()
     assert fresh(mesh) == [0.0, *breaks]
-    assert set(breaks) <= set(at)
+    assert set(breaks) <= set(mesh.times)
 
 
 @given(
@@ -71,48 +58,44 @@ def test_break_points_off_the_grid_are_points(breaks, grading):
 )
 @settings(max_examples=60, deadline=None, derandomize=True)
 def test_steps_are_shared_out_by_length(ends, extra):
-    edges = (0.0, *sorted(ends))
+    edges = np.array([0.0, *sorted(ends)])
     n_steps = len(ends) + extra
-    counts = steps_of_parts(edges, n_steps)
-    assert sum(counts) == n_steps
-    assert min(counts) >= 1
-    lengths = np.diff(edges)
-    shares = n_steps * lengths / lengths.sum()
-    # no part has a step more than its share but for parts that would have none
-    raised = [count == 1 and share < 1 for count, share in zip(counts, shares, strict=True)]
-    for count, share, is_raised in zip(counts, shares, raised, strict=True):
-        assert is_raised or count < share + 1
-    if not any(raised):
-        assert np.abs(np.array(counts) - shares).max() < 1
+    counts = share_steps(edges, n_steps)
+    assert counts.sum() == n_steps
+    assert counts.min() >= 1
+    shares = n_steps * np.diff(edges) / edges[-1]
+    if shares.min() >= 1:
+        assert np.abs(counts - shares).max() <= 1
 
 
 @pytest.mark.parametrize("grading", [1.0, 1.5, 2.0, 7.0])
-def test_graded_points_are_powers(grading):
-    at = points(graded_mesh(5.0, 32, grading))
-    assert np.allclose(at, 5.0 * (np.arange(33) / 32) ** grading, rtol=1e-14, atol=0)
-
-
-def test_a_graded_mesh_begins_anew_behind_a_break_point():
-    at = points(graded_mesh(4.0, 24, 3.0, (1.0,)))
-    counts = steps_of_parts((0.0, 1.0, 4.0), 24)
-    behind = 1.0 + 3.0 * (np.arange(counts[1] + 1) / counts[1]) ** 3
-    assert np.allclose(at[counts[0] :], behind, rtol=1e-14, atol=0)
+def test_graded_points_are_powers_behind_every_break_point(grading):
+    mesh = graded_mesh(5.0, 32, grading, (1.0,))
+    counts = share_steps((0.0, 1.0, 5.0), 32)
+    first, second = ((np.arange(n + 1) / n) ** grading for n in counts)
+    assert np.allclose(mesh.times, [*first[:-1], *(1.0 + 4.0 * second)], rtol=1e-14, atol=0)
 
 
 def test_a_mesh_goes_through_given_points():
     times = np.array([0.0, 1e-6, 0.3, 0.30001, 2.0])
     mesh = mesh_of(times, (0.3,))
-    assert np.array_equal(points(mesh), times)
+    assert np.array_equal(mesh.times, times)
     assert mesh.n_reported == mesh.n_steps == 4
     assert mesh.shortest_step == 1e-6
     assert fresh(mesh) == [0.0, 0.3]
 
 
-def stretch(begin: float, end: float, n_steps: int, step_size: float) -> Stretch:
-    return Stretch(begin=begin, end=end, n_steps=n_steps, step_size=step_size)
-
-
-def test_stretches_are_joined_without_gaps():
-    mesh = graded_mesh(2.0, 50, 4.0, (0.77,))
-    for one, following in itertools.pairwise(mesh.stretches):
-        assert one.end == following.begin
+@pytest.mark.parametrize(
+    ("build", "words"),
+    [
+        (lambda: mesh_of([0.0, 1.0, 0.5]), "increase from 0"),
+        (lambda: mesh_of([0.1, 1.0]), "increase from 0"),
+        (lambda: mesh_of([0.0, 1.0, 2.0], (1.5,)), "t = 1.5 lies inside of a step"),
+        (lambda: graded_mesh(1.0, 10, 0.5), "1 to 20"),
+        (lambda: graded_mesh(1.0, 10**6, 20.0, (0.5,)), "smaller grading"),
+        (lambda: uniform_mesh(1.0, 1, (0.5,)), "at least one step each"),
+    ],
+)
+def test_what_is_no_mesh_is_refused(build, words):
+    with pytest.raises(ValueError, match=words):
+        build()

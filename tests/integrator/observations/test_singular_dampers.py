@@ -6,7 +6,7 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 
 TIMES = np.array([0.1, 1.0, 2.5, 5.0])
 ORDERS = np.random.default_rng(63).uniform(1.3, 1.97, 4).tolist()

@@ -38,7 +38,7 @@ def motion(times: Any, position: float = 1.0, **changed: float) -> Any:
     scene = spring(
         (values["order"], values["coefficient"]), T=10.0, k=values["stiffness"], x=position
     )
-    from fvi_cli.scenes.linear_response import match_scene
+    from oracles.linear_response import match_scene
 
     solution = match_scene(scene)
     return solution.position(np.asarray(times))[:, 0]

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.meshes.adaptive import AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.observations.request import Observations
 from fvi_cli.integrator.run.prescribed_run import prescribed_mesh
 from fvi_cli.mathematics.expressions import Expression

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from letters import spring, swing
 from oracles.contour import talbot_inverse
+from oracles.linear_response import match_scene
 
 import fvi_cli as fvi
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.scenes.data import kepler
-from fvi_cli.scenes.linear_response import match_scene
 from fvi_cli.studies.tolerance.rounds import likely_amplitude
 
 Array = np.ndarray

@@ -11,8 +11,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps, compensated
 from fvi_cli.integrator.failure import Failure, StepFailedError
-from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
-from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.meshes.controller import SHORTEST_STEP
+from fvi_cli.integrator.meshes.graded import start_power
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.formulas import FormulaAlong
 from fvi_cli.integrator.observations.impacts.landing import Landing, SceneStep

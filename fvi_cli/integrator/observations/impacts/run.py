@@ -21,7 +21,7 @@ import numpy as np
 from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.meshes.adaptive import SHORTEST_STEP
+from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, SHORTEST_STEP
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observations.impacts.bouncing import Bouncing
 from fvi_cli.integrator.observations.impacts.surface import (
@@ -29,7 +29,6 @@ from fvi_cli.integrator.observations.impacts.surface import (
     start_objection,
 )
 from fvi_cli.integrator.observations.request import Impact
-from fvi_cli.integrator.run.adaptive import MOST_SHORTEST
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.trajectory import Trajectory

@@ -10,8 +10,7 @@ from functools import lru_cache
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.graded_start import graded_start_mesh
-from fvi_cli.integrator.meshes.singular_start import start_power
+from fvi_cli.integrator.meshes.graded import graded_start_mesh, start_power
 from fvi_cli.integrator.observations.request import Impact
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of

@@ -1,12 +1,10 @@
 r"""The damping force of q members on blocks of equal steps, from states that stand for the past.
 
-A Caputo derivative of order above 1 acts on the velocity minus its start :math:`v_0`. A derivative
-of a constant is zero: so with Runge-Kutta methods states that begin with :math:`v_0` need no
-subtraction, up to a constant force. It stands for the rates that are too small to decay during the
-run, and cancels the response to a constant velocity to the last digit. Where some terms subtract
-:math:`v_0` and others do not, and with backward differences, the states begin with zero. Then all
-members share one more column, the states of a start velocity of 1, from which the terms that
-subtract get the part of :math:`v_0`.
+A Caputo derivative of order above 1 acts on the velocity minus its start :math:`v_0`. So all
+members share one more column, the states and the force of a start velocity of -1, of which the
+terms that subtract get :math:`v_0` times. With Runge-Kutta methods whose terms all subtract, states
+that begin with :math:`v_0` are those of the velocity itself: then the column is constant, -1, and
+cancels the response to a constant velocity to the last digit.
 """
 
 from __future__ import annotations
@@ -18,15 +16,30 @@ from functools import cached_property
 
 import numpy as np
 
+from fvi_cli.effects.damping import FractionalDamping, is_same_direction
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.matrices import Form, dense, form, is_sparse
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.damping.directions import Direction, directions_of
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
-from fvi_cli.integrator.memory.interface import Combination, Kernels, along, toeplitz_matrix
+from fvi_cli.integrator.memory.exponentials import Exponentials
+from fvi_cli.integrator.memory.interface import (
+    Combination,
+    Kernels,
+    along,
+    member_rows,
+    toeplitz_matrix,
+)
+from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import DamperForms
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.arrays import Array, Places
+
+Pattern = tuple[tuple[tuple[int, ...], bool], ...]
+"""For each direction the places of its terms among a scene's active forces; whether it is relative.
+
+Relative terms subtract the start velocity: Caputo derivatives of order above 1.
+"""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,8 +49,8 @@ class DampingTables:
     kernels: Kernels  # tables of the memory
     # for every direction, from inputs to forces: lag sequences (q or 1, B, m, i)
     sequences: tuple[Array, ...]
-    # for every relative direction the force that subtracting a start velocity of 1 adds in the
-    # steps, (q or 1, B m); None for others
+    # for every direction the force in the steps by a start velocity of 1 that is subtracted in
+    # them, (q or 1, B m); None where none is
     offsets: tuple[Array | None, ...]
 
     @cached_property
@@ -47,14 +60,10 @@ class DampingTables:
 
     def of(self, places: Places) -> DampingTables:
         """The tables of some members."""
-
-        def own(table: Array) -> Array:
-            return table if len(table) == 1 else table[places]
-
         return replace(
             self,
-            sequences=tuple(own(one) for one in self.sequences),
-            offsets=tuple(None if one is None else own(one) for one in self.offsets),
+            sequences=tuple(member_rows(one, places) for one in self.sequences),
+            offsets=tuple(one if one is None else member_rows(one, places) for one in self.offsets),
         )
 
 
@@ -65,26 +74,20 @@ class Damping:
     """
 
     def __init__(
-        self,
-        directions: Sequence[Direction],
-        memory: Exponentials | Lags,
-        velocity: Array,
+        self, combinations: Sequence[Combination], memory: Exponentials | Lags, velocity: Array
     ) -> None:
-        self.directions, self.memory = tuple(directions), memory
+        self.combinations, self.memory = tuple(combinations), memory
         self.start_velocity = velocity[:, None]  # (q, 1, e)
-        self.combinations = tuple(
-            Combination.made(memory, one.terms, one.factors, one.matrix) for one in self.directions
-        )
-        self.is_relative = relative = any(one.is_relative for one in self.directions)
+        relative = [one.is_relative for one in combinations]
+        self.is_relative = any(relative)
         # also if the others have no memory: a batch mixes members of order 1 and of other orders
-        plain = any(not one.is_relative for one in self.directions)
-        self.has_column = relative and (plain or memory.column is not None)
-        self._starts_relative = relative and not self.has_column
+        self._begins_moving = all(relative) and isinstance(memory, Exponentials)
+        self.has_column = self.is_relative and not self._begins_moving
 
     @property
     def subtracts(self) -> bool:
         """Whether a start velocity that is not zero is subtracted."""
-        return bool(self.start_velocity.any()) and any(one.is_relative for one in self.directions)
+        return self.is_relative and bool(self.start_velocity.any())
 
     @property
     def n_states(self) -> int:
@@ -94,24 +97,13 @@ class Damping:
     def tables(self, h: float, count: int) -> DampingTables:
         """Tables of `count` steps of length h."""
         kernels = self.memory.kernels(h, count)
-        every = kernels.sequence
+        every, column = kernels.sequence, self.memory.column
         sequences = tuple(one.combine(every) for one in self.combinations)
         offsets = tuple(
-            self._offset(kernels, sequence, combination) if one.is_relative else None
-            for sequence, combination, one in zip(
-                sequences, self.combinations, self.directions, strict=True
-            )
+            np.cumsum(own @ column, axis=1).reshape(len(own), -1) if one.is_relative else None
+            for own, one in zip(sequences, self.combinations, strict=True)
         )
         return DampingTables(kernels=kernels, sequences=sequences, offsets=offsets)
-
-    def _offset(self, kernels: Kernels, sequence: Array, one: Combination) -> Array:
-        count, column = kernels.count, self.memory.column
-        if column is not None:
-            return np.asarray(np.cumsum(sequence @ column, axis=1).reshape(len(sequence), -1))
-        assert isinstance(kernels, ExponentialKernels)
-        response = kernels.response[: kernels.n_samples]
-        past = np.matmul(response, one.weights[:, :, None])[..., 0]
-        return np.concatenate([-(np.add.reduce(sequence[:, 0], axis=2) + past)] * count, axis=1)
 
     @property
     def is_shared(self) -> bool:
@@ -122,21 +114,15 @@ class Damping:
     def operations_per_step(self) -> int:
         """Multiply-adds of the memory of a member in a step: for the force and the new states."""
         columns = self.start_velocity.shape[2] + (1 if self.has_column else 0)
-        remembering = sum(
-            any(self.memory.remembers(term) for row in one.terms for term in row)
-            for one in self.directions
-        )
+        remembering = sum(self.memory.remembers(one.places) for one in self.combinations)
         return int(columns * self.memory.operations_per_step(remembering))
 
     def start(self) -> tuple[Array, Array]:
-        """States at t = 0 of the members, ``(q, J, e)``, and of a start velocity of 1."""
+        """States at t = 0, of the members ``(q, J, e)`` and of the column ``(1, J, 1)``."""
         q, _, e = self.start_velocity.shape
-        column = np.zeros((1, self.n_states, 1))
-        states = np.zeros((q, self.n_states, e))
-        if self.has_column:
-            column += self.memory.column_start
-        elif self._starts_relative:
-            states = states + self.start_velocity
+        states, column = np.zeros((q, self.n_states, e)), np.zeros((1, self.n_states, 1))
+        if self._begins_moving:
+            return states + self.start_velocity, column - 1.0
         return states, column
 
     def past(
@@ -163,8 +149,8 @@ class Damping:
 
     def _acted_on(self, states: Array, column: Array) -> list[Array]:
         """For every direction the states on which it acts."""
-        moved = states + column * self.start_velocity if self.has_column else states
-        return [moved if one.is_relative else states for one in self.directions]
+        moved = states + column * self.start_velocity if self.is_relative else states
+        return [moved if one.is_relative else states for one in self.combinations]
 
     def own(
         self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
@@ -174,7 +160,7 @@ class Damping:
         Inputs are ``(q, count i, e)``; directions and many blocks as in :meth:`past`.
         """
         size = count * tables.kernels.n_samples
-        chosen = range(len(self.directions)) if direction is None else [direction]
+        chosen = range(len(self.combinations)) if direction is None else [direction]
         total = np.zeros((*inputs.shape[:-2], size, inputs.shape[-1]))
         for index in chosen:
             force = np.matmul(tables.local[index][:, :size, : inputs.shape[-2]], inputs)
@@ -189,31 +175,22 @@ class Damping:
         with the states ``(..., q, J, e)`` of a relative term less the start velocity. None for
         backward differences: their weights are no positive sum of squares.
         """
-        memory = self.memory
-        if not isinstance(memory, Exponentials):
+        if not isinstance(self.memory, Exponentials):
             return None
-        found = np.zeros((len(self.directions), *states.shape[:-2]))
-        if memory.kernel is None:
-            return found
-        by_term = memory.kernel.energy_weights
-        every = zip(self._acted_on(states, column), self.combinations, self.directions, strict=True)
-        for index, (acted, one, direction) in enumerate(every):
-            free = acted - self.start_velocity if direction.is_relative else acted
-            squares = (free * along(free, one.matrix)).sum(axis=-1)
-            found[index] = 0.5 * (one.combine(by_term) * squares).sum(axis=-1)
-        return found
+        by_term, found = self.memory.energy_weights, []
+        for acted, one in zip(self._acted_on(states, column), self.combinations, strict=True):
+            squares = (acted * along(acted, one.matrix)).sum(axis=-1)
+            found.append(0.5 * (one.combine(by_term) * squares).sum(axis=-1))
+        return np.array(found)
 
     def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
-        """States of a start velocity of 1 after the first `count` steps, ``(1, J, 1)``."""
+        """States of the column after the first `count` steps, ``(1, J, 1)``."""
         if not self.has_column:
             return column
-        inputs = np.zeros((1, count * tables.kernels.n_inputs, 1))
-        if self.memory.column is not None:
-            inputs[0, :, 0] = np.tile(self.memory.column, count)
-        return tables.kernels.push(column, inputs, count)
+        return tables.kernels.push(column, np.tile(self.memory.column, count)[None, :, None], count)
 
     def columns(self, tables: DampingTables, column: Array, blocks: int) -> tuple[Array, Array]:
-        """States of a start velocity of 1 before each block, ``(blocks, J, 1)``, and after all."""
+        """States of the column before each block, ``(blocks, J, 1)``, and after all."""
         if not self.has_column:
             return np.broadcast_to(column, (blocks, *column.shape[1:])), column
         count = tables.kernels.count
@@ -249,21 +226,24 @@ def damping_of(
     modes: Sequence[Decoupling] | None = None,
     reach: DamperForms | None = None,
 ) -> Damping | None:
-    """The damping of scenes of one kind; None if they have none.
+    """The damping of scenes of one pattern; None if they have none.
 
     `shortest_step` and `steps` as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`;
-    `n_steps` for backward differences; `modes` and `reach` as for
-    :func:`fvi_cli.integrator.damping.directions.directions_of`.
+    `n_steps` for backward differences. `modes` are the coordinates in which each scene is decoupled
+    into systems, which are members; `reach` has the forms on which the dampers of one scene act;
+    None: all components.
 
     Raises
     ------
     ValueError
         For backward differences without a number of steps.
     """
-    directions = directions_of(scenes, modes, reach)
-    if not directions:
+    pattern, every = pattern_of(scenes[0]), [one.active_forces for one in scenes]
+    if not pattern:
         return None
-    terms = tuple(dict.fromkeys(t for one in directions for row in one.terms for t in row))
+    # terms of every member in every direction
+    rows = [[tuple(_term(own[k]) for k in places) for own in every] for places, _ in pattern]
+    terms = tuple(dict.fromkeys(term for row in rows for own in row for term in own))
     final_time = scenes[0].final_time
     memory: Exponentials | Lags
     if method.is_runge_kutta:
@@ -274,30 +254,75 @@ def damping_of(
         raise ValueError("n_steps: backward differences take a number of equal steps")
     else:
         memory = Lags(method, terms, n_steps=n_steps, final_time=final_time)
-    return Damping(
-        directions,
-        memory,
-        _members([one.initial_velocity for one in scenes], modes, reach),
-    )
+    combinations = []
+    for own_rows, (places, is_relative) in zip(rows, pattern, strict=True):
+        first = [_matrix(own[places[0]], reach) for own in every]
+        matrix = first[0]
+        if reach is None and not is_sparse(every[0][places[0]].form):
+            found = [dense(one) for one in first]
+            if modes is not None:
+                found = [
+                    m for mode, one in zip(modes, found, strict=True) for m in mode.matrices(one)
+                ]
+            matrix = np.array(found)
+        scales = np.array([[_scale(own[k]) for k in places] for own in every])
+        each = 1 if modes is None else modes[0].batch
+        combinations.append(
+            Combination.made(
+                memory,
+                [row for row in own_rows for _ in range(each)],
+                np.repeat(scales / scales[:, :1], each, axis=0),
+                matrix,
+                is_relative=is_relative,
+            )
+        )
+    velocity = np.array([one.initial_velocity for one in scenes])
+    if reach is not None:
+        velocity = reach.along(velocity)
+    elif modes is not None:
+        velocity = np.concatenate([m.positions(v) for m, v in zip(modes, velocity, strict=True)])
+    return Damping(combinations, memory, velocity)
+
+
+def pattern_of(scene: Scene) -> Pattern:
+    """Which terms of a scene share a direction: scenes of one pattern are integrated together.
+
+    Terms whose matrices are multiples of each other share their sums.
+    """
+    is_moving = bool(np.any(scene.initial_velocity != 0))
+    known: list[tuple[bool, Form, list[int]]] = []
+    for place, force in enumerate(scene.active_forces):
+        is_relative = is_moving and isinstance(force, FractionalDamping) and force.order > 1
+        _, direction = force.scale_and_direction
+        for other, matrix, places in known:
+            if other == is_relative and is_same_direction(matrix, direction):
+                places.append(place)
+                break
+        else:
+            known.append((is_relative, direction, [place]))
+    return tuple((tuple(places), is_relative) for is_relative, _, places in known)
+
+
+def _matrix(force: FractionalDamping | Law, reach: DamperForms | None) -> Form:
+    matrix = force.form if reach is None else reach.inner(force)
+    return form(force.size * matrix if isinstance(force, Law) else matrix)
+
+
+def _scale(force: FractionalDamping | Law) -> float:
+    scale, _ = force.scale_and_direction
+    return scale * force.size if isinstance(force, Law) else scale
+
+
+def _term(force: FractionalDamping | Law) -> Term:
+    if isinstance(force, Law):
+        return force.kernel
+    return min(1.0 - force.order, LARGEST_EXPONENT)
 
 
 def law_objection(scene: Scene, method: AnyMethod) -> str:
     """Why the method cannot integrate the relaxation laws of a scene; empty if it can."""
-    if not scene.active_laws:
-        return ""
-    if not isinstance(method, Baseline) and method.is_runge_kutta:
+    if not scene.active_laws or (not isinstance(method, Baseline) and method.is_runge_kutta):
         return ""
     return (
         f"{method.label} cannot integrate relaxation laws (zener, maxwell, prony); take rk: gauss"
     )
-
-
-def _members(
-    values: Sequence[Array], modes: Sequence[Decoupling] | None, reach: DamperForms | None
-) -> Array:
-    """Values of scenes as values of members, ``(q, e)``."""
-    if reach is not None:
-        return np.array([reach.along(one) for one in values])
-    if modes is None:
-        return np.array(values)
-    return np.concatenate([mode.positions(one) for mode, one in zip(modes, values, strict=True)])

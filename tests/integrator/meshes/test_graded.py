@@ -6,16 +6,20 @@ import math
 import numpy as np
 import pytest
 from letters import spring
+from oracles.linear_response import match_scene
 from spread import spread
-from test_mesh import fresh, points
+from test_mesh import fresh
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.graded_start import WINDOW_MOST, WINDOW_SHARE, graded_start_mesh
+from fvi_cli.integrator.meshes.graded import (
+    WINDOW_MOST,
+    WINDOW_SHARE,
+    graded_start_mesh,
+    start_power,
+)
 from fvi_cli.integrator.meshes.mesh import Mesh, uniform_mesh
-from fvi_cli.integrator.meshes.singular_start import start_power
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.scenes.linear_response import match_scene
 
 Array = np.ndarray
 
@@ -25,13 +29,9 @@ def graded(n_steps: int, power: float | None, m: int = 4, breaks: tuple[float, .
 
 
 def reported(mesh: Mesh) -> Array:
-    found = [np.zeros(1)]
-    for one in mesh.stretches:
-        own = one.begin + one.step_size * np.arange(1, one.n_steps + 1)
-        own[-1] = one.end
-        if one.reported_every:
-            found.append(own[one.reported_every - 1 :: one.reported_every])
-    return np.concatenate(found)
+    ends = np.cumsum([one.n_steps for one in mesh.stretches])
+    kept = [end - one.n_steps + one.reported for end, one in zip(ends, mesh.stretches, strict=True)]
+    return mesh.times[np.concatenate([[0], *kept]).astype(int)]
 
 
 @spread(n_steps=[1, 2, 3, 8, 17, 100, 1000, 6000], m=[1, 2, 4, 8], power=[1.1, 2.5, 3.5, 3.95])
@@ -40,7 +40,7 @@ def test_the_reported_points_are_the_uniform_grid(n_steps, m, power):
     at = reported(mesh)
     assert mesh.n_reported == n_steps == at.size - 1
     assert np.allclose(at, 3.0 / n_steps * np.arange(n_steps + 1), rtol=1e-13, atol=1e-15)
-    every = points(mesh)
+    every = mesh.times
     assert (np.diff(every) > 0).all()
     assert every.size - 1 == mesh.n_steps
     # sizes are halves of halves to the last bit, so that tables are shared
@@ -58,7 +58,7 @@ def test_a_smooth_start_has_equal_steps():
 def test_steps_are_halved_behind_break_points_too(breaks):
     for n_steps in (12, 96, 1000):
         mesh = graded(n_steps, 2.5, 3, breaks)
-        at = points(mesh)
+        at = mesh.times
         assert mesh.n_reported == n_steps
         assert fresh(mesh) == [0.0, *breaks]
         for begin, end in itertools.pairwise((0.0, *breaks, 3.0)):
@@ -75,7 +75,7 @@ def test_steps_are_halved_behind_break_points_too(breaks):
 def test_steps_grow_like_those_of_a_graded_mesh(m, power):
     """Behind the first grid point no step is longer than the law of the grading has it."""
     n_steps = 2048
-    at, h = points(graded(n_steps, power, m)), 3.0 / n_steps
+    at, h = graded(n_steps, power, m).times, 3.0 / n_steps
     r = (2 * m + 0.5) / power
     begin, sizes = at[:-1], np.diff(at)
     window = n_steps // WINDOW_SHARE
@@ -144,7 +144,7 @@ def test_forces_may_begin_like_a_power():
 
 def test_few_steps_before_a_break_are_all_halved():
     """Where a part of the run has a few steps of the grid, all of them are short against t."""
-    at = points(graded(200, 2.5, 3, (0.12,)))
+    at = graded(200, 2.5, 3, (0.12,)).times
     first = at[at <= 0.12 * (1 + 1e-12)]
     assert (np.diff(first)[1:] <= 0.5 * 0.015 * (1 + 1e-9)).all()
 

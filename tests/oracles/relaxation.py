@@ -15,18 +15,13 @@ import numpy as np
 from fvi_cli.effects.laws.cole_cole import ColeCole
 from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.transforms.characteristic import (
+
+from .characteristic import (
     Terms,
     ZeroCluster,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.transforms.fractional_oscillator import (
-    EPSILON,
-    LONG_EPSILON,
-    OTHER_SPACINGS,
-    SPACINGS,
-    contour_response,
-)
+from .fractional_oscillator import contour_response
 
 MOST_TERMS = 30
 """Most powers of s in a sum whose zeros are searched; the work grows with their square."""
@@ -53,46 +48,22 @@ class LinearResponse:
     inputs: tuple[tuple[float, Mapping[float, float]], ...]
     zeros: tuple[ZeroCluster, ...]
     position: float = 0.0  # position at t = 0
-    terms_error: float = LONG_EPSILON  # relative error of the coefficients of `terms`
 
     def __call__(self, time: Array) -> Array:
         """The position at `time`, same shape; not finite where it exceeds the range of doubles."""
-        return self._summed(time, SPACINGS)[0]
-
-    def with_uncertainty(self, time: Array) -> tuple[Array, Array]:
-        """The position at `time`, and a bound on its numerical error; same shapes.
-
-        The bound is twice the difference of two quadratures, and at least the rounding of the sums.
-        """
-        one, rounding = self._summed(time, SPACINGS)
-        other, _ = self._summed(time, OTHER_SPACINGS)
-        with np.errstate(invalid="ignore"):
-            return one, np.asarray(np.maximum(2.0 * np.abs(one - other), rounding))
-
-    def _summed(self, time: Array, spacings: tuple[float, float]) -> tuple[Array, Array]:
-        """The position, and a bound on the rounding of its sums."""
         time = np.asarray(time, dtype=float)
         if np.any(time < 0):
             raise ValueError("time: negative times are not allowed")
         total = np.where(time == 0, self.position, 0.0)
-        rounding = np.zeros(time.shape)
         for start, numerator in self.inputs:
             since = time - start
             chosen = since > 0
             if numerator and np.any(chosen):
-                own, lost = contour_response(
-                    self.terms,
-                    self.zeros,
-                    numerator,
-                    since[chosen],
-                    terms_error=self.terms_error,
-                    time_error=EPSILON if start else 0.0,
-                    spacings=spacings,
-                )
                 with np.errstate(over="ignore", invalid="ignore"):
-                    total[chosen] += own
-                    rounding[chosen] += lost
-        return total, rounding
+                    total[chosen] += contour_response(
+                        self.terms, self.zeros, numerator, since[chosen]
+                    )
+        return total
 
 
 def law_response(
@@ -130,7 +101,6 @@ def law_response(
         inputs=tuple(changed),
         zeros=characteristic_zeros(terms),
         position=position,
-        terms_error=EPSILON,
     )
 
 
@@ -159,7 +129,7 @@ def fraction_of(kernel: RelaxationKernel) -> tuple[Powers, Powers]:
     if isinstance(kernel, ColeCole):
         size = kernel.time**kernel.order
         return {kernel.order - 1.0: size}, {0.0: 1.0, kernel.order: size}
-    if kernel.ends is not None or len(kernel.masses) > MOST_RATES:
+    if kernel.peak is not None or len(kernel.masses) > MOST_RATES:
         raise ValueError(f"{kernel}: no quotient of a few powers")
     factors: list[Powers] = [{1.0: 1.0, 0.0: rate} for rate, _ in kernel.masses]
     above: Powers = {}

@@ -10,9 +10,8 @@ from spread import spread
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances.damping_along import DampingAlong
-from fvi_cli.integrator.damping.damping import Damping, damping_of
-from fvi_cli.integrator.damping.directions import directions_of, pattern_of
 from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.memory.damping import Damping, damping_of, pattern_of
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import integrate_scenes
@@ -70,7 +69,7 @@ def test_what_may_not_stand_in_one_batch_has_another_pattern():
     assert pattern_of(number((0.5, 0.3), v=0.0)) == pattern_of(number((1.5, 0.3), v=0.0))
     shared = chain((0.5, COUPLING), (0.7, 2.0 * COUPLING))
     assert pattern_of(shared) != pattern_of(chain((0.5, COUPLING), (0.7, OTHER)))
-    assert [len(one.terms[0]) for one in directions_of([shared])] == [2]
+    assert [len(places) for places, _ in pattern_of(shared)] == [2]
 
 
 @pytest.mark.parametrize("method", [Method(cq="bdf2", degree=1), Method(cq="gauss", degree=2)])

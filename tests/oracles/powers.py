@@ -8,8 +8,9 @@ from types import MappingProxyType
 from typing import Any, ClassVar, Final
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 
-from fvi_cli.mathematics.algebra.arithmetic import Algebra, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 SAME_EXPONENT: Final = 1e-9  # exponents closer than this are equal
@@ -19,7 +20,7 @@ CANCELLED: Final = 16.0 * float(np.finfo(float).eps)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Powers(Algebra):
+class Powers(NDArrayOperatorsMixin):
     """A finite sum of powers of t > 0, on which formulas work.
 
     Raises
@@ -48,6 +49,14 @@ class Powers(Algebra):
             raise ExpressionError(f"more than {MOST_TERMS} powers of t")
         exponents, coefficients = np.array(kept, dtype=float).reshape(-1, 2).T
         set_arrays(self, exponents=exponents, coefficients=coefficients)
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    def __array_ufunc__(self, ufunc: np.ufunc, method: str, *inputs: Any, **options: Any) -> Any:
+        if ufunc.__name__ not in self.rules:
+            raise ExpressionError(f"the function {ufunc.__name__!r} is not available here")
+        return self.rules[ufunc.__name__](*inputs)
 
     @classmethod
     def constant(cls, value: float) -> Powers:

@@ -4,31 +4,43 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cached_property
+from functools import lru_cache
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.loads.panels import graded_rule, tested_rule
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
+from fvi_cli.mathematics.lagrange import lobatto_basis
+from fvi_cli.mathematics.quadrature import gauss_rule
 
+FINE_POINTS = 24  # Gauss points of a panel
+GRADED = (0.0, *(0.15 ** np.arange(199, -1, -1.0)).tolist())
+"""Ends of panels that shrink towards a singular point: in the first one t**0.1 is below 1e-16, so
+that powers from t**-0.9 on are integrated to round-off."""
 PANEL_RATIO = 4.0
 """If the end of a step is later than 4 times its beginning, it is integrated in panels whose ends
 have this ratio, since forces may be powers of t."""
-
 
 Force = Callable[[Array, float, Array], Array]
 """As :meth:`fvi_cli.effects.forcing.Forcing.on_steps`."""
 
 
+@lru_cache(maxsize=64)
+def _tested_rule(degree: int, edges: tuple[float, ...]) -> tuple[Array, Array]:
+    """Points ``(r,)`` of a rule on panels, and weights times the basis there, ``(s + 1, r)``."""
+    fine, ends = gauss_rule(FINE_POINTS), np.array(edges)
+    widths = np.diff(ends)[:, None]
+    points = (ends[:-1, None] + widths * fine.nodes).ravel()
+    return points, lobatto_basis(degree).values(points) * (widths * fine.weights).ravel()
+
+
 class StepLoads:
     r"""Known forces of a scene, step by step or on many equal steps at once.
 
-    These are its forcing, and what Riemann-Liouville derivatives of the initial data add to those
-    of Caputo, :attr:`fvi_cli.effects.scene.Scene.initial_loads`.
+    These are its forcing, what Riemann-Liouville derivatives of the initial data add to those of
+    Caputo (:attr:`fvi_cli.effects.scene.Scene.initial_loads`), and the force of starting weights.
 
     ``forcing_quadrature: galerkin`` takes the rule of the action, ``exact`` integrates to
     round-off. What the initial data add is always integrated to round-off, since it is singular at
@@ -42,22 +54,14 @@ class StepLoads:
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
         self._initial = scene.initial_loads
 
-    @cached_property
-    def _basis(self) -> LagrangeBasis:
-        """Basis of the polynomials of a step."""
-        return lobatto_basis(self._tables.degree)
-
     @property
     def is_empty(self) -> bool:
         """Whether no loads are known in advance."""
         return self._forcing is None and not self._initial and not self._added.size
 
     def add(self, loads: Array) -> None:
-        """Add load vectors of the damping force in the first steps, ``(n, s + 1, d)``."""
-        total = np.zeros((max(len(loads), len(self._added)), *loads.shape[1:]))
-        total[: len(self._added)] += self._added
-        total[: len(loads)] += loads
-        self._added = total
+        """Give the load vectors of the force of starting weights, ``(N, s + 1, d)``."""
+        self._added = loads
 
     def of_steps(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
@@ -78,18 +82,16 @@ class StepLoads:
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
         """The part of the scene's forcing; None where there is none."""
-        if self._forcing is None:
-            return None
         half = 0.5 * step_size
-        if self._forcing.is_zero_on(begin + half, begin + n_steps * step_size - half):
+        if self._forcing is None or self._forcing.is_zero_on(
+            begin + half, begin + n_steps * step_size - half
+        ):
             return None
         start = begin + step_size * np.arange(n_steps, dtype=float)
-        if self._rule == "galerkin":
-            values = self._forcing.on_steps(start, step_size, self._tables.points)
-            return np.asarray(
-                step_size * np.einsum("ni,kid->knd", self._tables.test_weights, values)
-            )
-        return self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
+        if self._rule == "exact":
+            return self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
+        values = self._forcing.on_steps(start, step_size, self._tables.points)
+        return np.asarray(step_size * np.einsum("ni,kid->knd", self._tables.test_weights, values))
 
     def of_initial_data(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
@@ -107,13 +109,8 @@ class StepLoads:
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
         """The part of the starting weights, see :meth:`add`."""
-        if not self._added.size:
-            return None
-        total = np.zeros((n_steps, *self._added.shape[1:]))
         first = round(begin / step_size)
-        added = self._added[first : first + n_steps]
-        total[: len(added)] = added
-        return total
+        return self._added[first : first + n_steps] if self._added.size else None
 
     def _initial_force(self, start: Array, step_size: float, offsets: Array) -> Array:
         times = (start[:, None] + step_size * offsets)[..., None]
@@ -127,40 +124,34 @@ class StepLoads:
         """
         from scipy.special import roots_jacobi
 
-        at_zero = self._basis.values(np.zeros(1))
+        basis = lobatto_basis(self._tables.degree)
+        at_zero = basis.values(np.zeros(1))
         total = np.zeros((at_zero.shape[0], self._dimension))
         for power, load in self._initial:
             nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 + power)
             tau = 0.5 * (nodes + 1.0)
-            weights = weights * 0.5 ** (2.0 + power)
-            rest = ((self._basis.values(tau) - at_zero) / tau) @ weights
+            rest = ((basis.values(tau) - at_zero) / tau) @ (weights * 0.5 ** (2.0 + power))
             own = at_zero[:, 0] / (1.0 + power) + rest
             total += step_size ** (1.0 + power) * np.outer(own, load)
         return total
 
     def _exact(self, force: Force, start: Array, step_size: float, *, is_fresh: bool) -> Array:
-        total = np.empty((start.size, self._basis.degree + 1, self._dimension))
-        degree, first = self._basis.degree, 0
-        edges = _panels(float(start[0]), step_size)
-        if is_fresh:
-            points, tested = tested_rule(degree, is_graded=True)
-        elif edges is not None:
-            points, weights = graded_rule(edges)
-            tested = self._basis.values(points) * weights
-        if is_fresh or edges is not None:
-            total[0] = step_size * tested @ force(start[:1], step_size, points)[0]
-            first = 1
-        if first < start.size:
-            points, tested = tested_rule(degree, is_graded=False)
-            values = force(start[first:], step_size, points)
-            total[first:] = step_size * np.einsum("ni,kid->knd", tested, values)
-        return total
+        degree, edges = self._tables.degree, [_edges(float(start[0]), step_size, is_fresh=is_fresh)]
+        edges += [(0.0, 1.0)] if start.size > 1 else []
+        found = []
+        for steps, own in zip((start[:1], start[1:]), edges, strict=False):
+            points, tested = _tested_rule(degree, own)
+            values = force(steps, step_size, points)
+            found.append(step_size * np.einsum("ni,kid->knd", tested, values))
+        return np.concatenate(found)
 
 
-def _panels(begin: float, step_size: float) -> Array | None:
-    """Edges in [0, 1] of the panels of a step that is long relative to its beginning, or None."""
+def _edges(begin: float, step_size: float, *, is_fresh: bool) -> tuple[float, ...]:
+    """Edges in [0, 1] of the panels of a step."""
+    if is_fresh:
+        return GRADED
     if not 0.0 < begin * (PANEL_RATIO - 1.0) < step_size:
-        return None
+        return (0.0, 1.0)
     n_panels = math.ceil(math.log1p(step_size / begin) / math.log(PANEL_RATIO))
     inside = begin * (PANEL_RATIO ** np.arange(1.0, n_panels) - 1.0) / step_size
-    return np.concatenate([[0.0], inside[inside < 1.0], [1.0]])
+    return (0.0, *inside[inside < 1.0].tolist(), 1.0)

@@ -21,24 +21,15 @@ from fvi_cli.effects.scene import Derivative, Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.powers import Powers
-from fvi_cli.mathematics.transforms.characteristic import (
+from fvi_cli.mathematics.expressions import Expression
+
+from .characteristic import (
     characteristic_terms,
     characteristic_zeros,
 )
-from fvi_cli.mathematics.transforms.fractional_oscillator import EPSILON
-from fvi_cli.scenes.relaxation import LinearResponse, law_response
+from .powers import Powers
+from .relaxation import LinearResponse, law_response
 
-SOURCE = "characteristic roots and branch-cut integral"
-"""Source of exact solutions, in words, for tables."""
-PROBED: Final = np.array([1e-6, 1e-3, 0.03, *(np.arange(1, 9) / 8)])
-"""Times, as shares of a run, at which the error of exact solutions is estimated."""
-MOST_PROBED_BREAKS: Final = 8
-TRUSTED: Final = 1e-10
-"""Largest permitted error of an exact solution, as a share of the motion; beyond it a refined run
-is better."""
-SEEN: Final = 1e-13
-"""Rounding of an entry of a mode above this share of the entry counts in the error."""
 ZERO: Final = Powers.constant(0.0)
 
 
@@ -48,9 +39,6 @@ class ExactSolution:
 
     # times of shape ``(n,)`` to positions ``(n, d)``; times must not be negative
     position: Callable[[Array], Array]
-    # the same, and bounds on its error by rounding in its sums, ``(n, d)``
-    with_uncertainty: Callable[[Array], tuple[Array, Array]]
-    source: str  # source of the solution, in words, for tables
 
 
 def linear_response(
@@ -129,7 +117,7 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     modes = _common_modes(scene.inertia.mass, matrices)
     if modes is None:
         return None
-    shapes, diagonals, doubts = modes
+    shapes, diagonals = modes
     momenta = shapes.T @ scene.inertia.mass
     position, velocity = momenta @ scene.initial_position, momenta @ scene.initial_velocity
     forcing: list[tuple[float, tuple[Powers, ...]]] = []
@@ -154,69 +142,25 @@ def match_scene(scene: Scene) -> ExactSolution | None:
     try:
         forcing += _finite_sums(scene.forcing)
         responses = tuple(response_of(i, diagonals) for i in range(d))
-        # the effect of rounding in the modes themselves, where it is visible
-        moved = {
-            i: response_of(i, [one + doubt for one, doubt in zip(diagonals, doubts, strict=True)])
-            for i in range(d)
-            if any(doubt > SEEN * abs(one[i]) for one, doubt in zip(diagonals, doubts, strict=True))
-        }
     except (ValueError, ArithmeticError):
         return None
 
     def exact(time: Array) -> Array:
         return np.stack([response(time) for response in responses], axis=-1) @ shapes.T
 
-    def with_uncertainty(time: Array) -> tuple[Array, Array]:
-        with np.errstate(invalid="ignore"):
-            pairs = np.array([one.with_uncertainty(time) for one in responses])
-            along, unsure = pairs[:, 0].T, pairs[:, 1].T
-            for i, one in moved.items():
-                unsure[:, i] += np.abs(one(time) - along[:, i])
-            return along @ shapes.T, unsure @ np.abs(shapes.T)
-
-    return ExactSolution(position=exact, with_uncertainty=with_uncertainty, source=SOURCE)
-
-
-def trusted_solution(scene: Scene) -> tuple[Callable[[Array], Array] | None, str, float]:
-    """The exact solution of a scene, its source, and a bound on its error, a length.
-
-    The solution is None where none is known, and where its sums lose too many digits to
-    cancellation, as the source then says. The error is estimated at a few times, some of them after
-    break points; times at which the solution is not finite are left out.
-    """
-    solution = match_scene(scene)
-    if solution is None:
-        return None, "unknown", 0.0
-    times = scene.final_time * PROBED
-    for begin in scene.break_points[:MOST_PROBED_BREAKS]:
-        times = np.append(times, begin + (scene.final_time - begin) * PROBED[:2])
-    position, unsure = solution.with_uncertainty(times)
-    is_finite = np.isfinite(position)
-    size = float(np.abs(position[is_finite]).max(initial=0.0))
-    error = float(np.where(np.isnan(unsure), math.inf, unsure)[is_finite].max(initial=0.0))
-    if error > TRUSTED * size:
-        # one digit only: round-off differs between machines
-        known = size > 0 and math.isfinite(error)
-        part = f"1e{min(0, math.ceil(math.log10(error / size)))}" if known else "all"
-        return None, f"the closed form loses {part} of the motion to cancellation", 0.0
-    return solution.position, solution.source, error
+    return ExactSolution(position=exact)
 
 
 def _add(numerator: dict[float, float], power: float, coefficient: float) -> None:
     numerator[power] = numerator.get(power, 0.0) + coefficient
 
 
-def _common_modes(
-    mass: Array, matrices: list[Array]
-) -> tuple[Array, list[Array], list[float]] | None:
-    """Shapes S with S^T M S = 1 and all S^T A S diagonal; these diagonals, with exact zeros.
-
-    The third value bounds the rounding in nonzero entries of each diagonal. None: S does not exist.
-    """
+def _common_modes(mass: Array, matrices: list[Array]) -> tuple[Array, list[Array]] | None:
+    """Shapes S with S^T M S = 1 and all S^T A S diagonal; these diagonals; None: there is no S."""
     d = mass.shape[0]
     if d == 1:
         own = [matrix.diagonal().copy() for matrix in matrices]
-        return np.ones((1, 1)), own, [0.0] * len(own)
+        return np.ones((1, 1)), own
     scales, vectors = np.linalg.eigh(mass)
     root = vectors / np.sqrt(scales)
     reduced = [root.T @ matrix @ root for matrix in matrices]
@@ -236,7 +180,7 @@ def _common_modes(
             return None
         diagonal[np.abs(diagonal) < 4e-16 * d * norm] = 0.0
         diagonals.append(diagonal)
-    return root @ rotation, diagonals, [EPSILON * d * norm for norm in norms]
+    return root @ rotation, diagonals
 
 
 def shift_polynomial(force: Powers, start: float) -> Powers:
@@ -270,6 +214,8 @@ def _finite_sums(forcing: Forcing | None) -> list[tuple[float, tuple[Powers, ...
     """Pairs (begin, components) for the pieces of a force."""
     if forcing is None:
         return []
+    if not all(isinstance(one, Expression) for one in forcing.components):
+        raise ExpressionError("samples and functions are no formulas")
     variables = {"t": Powers.variable()}
     starts = (0.0, *forcing.break_points)
     return [

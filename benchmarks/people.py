@@ -1,0 +1,273 @@
+"""What people do, each as a multiple of the integration in it, measured in one process."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import fvi_cli as fvi
+from benchmarks.measuring import in_own_process, number, table, yes_or_no
+
+Action = Callable[[], object]
+GAUSS2 = {"rk": "gauss", "degree": 2}
+
+
+@dataclass(frozen=True, kw_only=True)
+class PeopleRow:
+    """A piece of work and what it is measured by.
+
+    Parameters
+    ----------
+    name
+        Both in words.
+    seconds, reference_seconds
+        Processor seconds, the least of three calls in turn.
+    goal
+        Largest ratio of the two.
+    """
+
+    name: str
+    seconds: float
+    reference_seconds: float
+    goal: float
+
+    @property
+    def ratio(self) -> float:
+        """The work as a multiple of what it is measured by."""
+        return self.seconds / self.reference_seconds
+
+
+def processor_seconds(action: Action) -> float:
+    """Processor seconds of one call."""
+    began = time.process_time()
+    action()
+    return time.process_time() - began
+
+
+def _compared(name: str, goal: float, work: Action, reference: Action) -> PeopleRow:
+    reference()
+    pairs = [(processor_seconds(work), processor_seconds(reference)) for _ in range(3)]
+    return PeopleRow(
+        name=name,
+        seconds=min(pair[0] for pair in pairs),
+        reference_seconds=min(pair[1] for pair in pairs),
+        goal=goal,
+    )
+
+
+@contextmanager
+def _columns(**columns: Any) -> Iterator[str]:
+    """Path of a CSV file with these columns."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "columns.csv"
+        values = np.column_stack(list(columns.values()))
+        np.savetxt(path, values, delimiter=",", header=",".join(columns), comments="")
+        yield str(path)
+
+
+def building_row(size: int = 300, samples: int = 4000) -> PeopleRow:
+    """A tall building under a drawn record, with and without quantities of a few storeys."""
+    times = 0.005 * np.arange(samples + 1)
+    ground = np.random.default_rng(1).normal(size=times.size) * np.exp(-0.2 * times)
+    asked = {
+        "output": {"step": 0.01},
+        "quantities": {"drift": "x2 - x1", "top": f"ax{size}", "load": "force_1"},
+    }
+    with _columns(t=times, a=ground) as path:
+        bare = {
+            "problem": {
+                "kind": "frame",
+                "masses": np.full(size, 2.0e5),
+                "stiffnesses": np.full(size, 4.0e8),
+                "dampers": [{"storey": 1, "order": 0.6, "coefficient": 3.0e7}],
+                "ground_acceleration": {"file": path, "column": "a", "time": "t", "scale": 9.81},
+                "final_time": float(times[-1]),
+                "exact": "none",
+            },
+            "method": GAUSS2,
+            "ladder": {"steps": [samples]},
+        }
+        without = fvi.load({"name": "bare", **bare})
+        observed = fvi.load({"name": "observed", **bare, **asked})
+        return _compared(
+            f"{size} storeys, {samples} samples: output and three quantities / the run without",
+            1.5,
+            lambda: fvi.run(observed),
+            lambda: fvi.run(without),
+        )
+
+
+def _duffing(sweep: Mapping[str, Any] | Sequence[Mapping[str, Any]], **more: Any) -> dict[str, Any]:
+    """Members of a driven oscillator with fractional damping."""
+    return {
+        "name": "duffing",
+        "problem": {
+            "kind": "duffing",
+            "stiffness": -1.0,
+            "cubic_stiffness": 1.0,
+            "damping": [{"order": 0.6, "coefficient": 0.25}],
+            "parameters": {"F": 0.3},
+            "forcing": "F*cos(1.1*t)",
+            "initial": {"position": 0.5},
+            "final_time": 60.0,
+            "exact": "none",
+        },
+        "sweep": sweep,
+        "method": {"rk": "gauss", "degree": 4},
+        "ladder": {"steps": [480]},
+        **more,
+    }
+
+
+def _batch(drives: Sequence[float], starts: Sequence[float]) -> Action:
+    """The same members in one batch of the integrator."""
+    scenes = [
+        fvi.duffing(
+            stiffness=-1.0,
+            cubic_stiffness=1.0,
+            damping=[fvi.FractionalDamping(order=0.6, coefficient=0.25)],
+            forcing=f"{drive!r}*cos(1.1*t)",
+            initial_position=start,
+            final_time=60.0,
+        )
+        for drive, start in zip(drives, starts, strict=True)
+    ]
+    method = fvi.method_named("gauss4")
+    return lambda: fvi.integrate_members(scenes, method, 480)
+
+
+def sweep_row(number_of_members: int = 60) -> PeopleRow:
+    """A sweep by ``fvi.run`` and its members in one batch."""
+    drives = np.linspace(0.2, 0.4, number_of_members).tolist()
+    config = fvi.load(_duffing({"problem.parameters.F": drives}))
+    return _compared(
+        f"{number_of_members} Duffing members: fvi.run / integrate_members",
+        1.3,
+        lambda: fvi.run(config),
+        _batch(drives, [0.5] * number_of_members),
+    )
+
+
+def bifurcation_row(number_of_members: int = 40) -> PeopleRow:
+    """A bifurcation diagram: an event in every period of the drive."""
+    drives = np.linspace(0.2, 0.4, number_of_members).tolist()
+    events = {"period": {"when": "sin(1.1*t)", "direction": "rising"}}
+    config = fvi.load(_duffing({"problem.parameters.F": drives}, events=events))
+    return _compared(
+        f"bifurcation of {number_of_members} drives: fvi.run / integrate_members",
+        2.0,
+        lambda: fvi.run(config),
+        _batch(drives, [0.5] * number_of_members),
+    )
+
+
+def ensemble_row(number_of_members: int = 200) -> PeopleRow:
+    """An ensemble of random starts with output and an event."""
+    starts = (0.5 + 1e-3 * np.random.default_rng(2).normal(size=number_of_members)).tolist()
+    asked = {"output": {"step": 0.1}, "quantities": {"speed": "vx"}}
+    members = [{"problem.initial.position": start} for start in starts]
+    config = fvi.load(_duffing(members, **asked))
+    return _compared(
+        f"ensemble of {number_of_members} starts: fvi.run / integrate_members",
+        2.0,
+        lambda: fvi.run(config),
+        _batch([0.3] * number_of_members, starts),
+    )
+
+
+LAWS: Mapping[str, Mapping[str, Any]] = {
+    "zener": {"law": "zener", "order": 0.5, "time": 0.5, "relaxed": 1.0e5, "unrelaxed": 3.0e5},
+    "maxwell": {"law": "maxwell", "order": 0.5, "time": 0.5, "modulus": 3.0e5},
+    "springpot": {"order": 0.5, "coefficient": 1.0e5},
+    "kelvin-voigt": {"law": "kelvin-voigt", "stiffness": 1.0e5, "coefficient": 1.0e4},
+}
+LARGEST: Mapping[str, Mapping[str, float]] = {"order": {"from": 0.05, "to": 0.95}}
+
+
+def _model(start: Mapping[str, Any]) -> dict[str, Any]:
+    """All numbers of a law as parameters of a fit."""
+    names = [f"problem.law.{key}" for key in start if key != "law"]
+    ranges = {name: LARGEST.get(name.rpartition(".")[2], {"from": 0.0}) for name in names}
+    return {"set": {"problem.law": dict(start)}, "parameters": ranges}
+
+
+def fit_row(samples: int = 1500) -> PeopleRow:
+    """Four laws fitted to a bench test; transforms of 2^20 numbers are what it is measured by."""
+    from scipy.fft import rfft
+
+    times = np.linspace(0.0, 12.0, samples)
+    moved = 0.01 * np.sin(4.0 * times) * (1.0 + times / 6.0)
+    law = {"law": "zener", "order": 0.6, "time": 0.3, "relaxed": 5.0e4, "unrelaxed": 4.0e5}
+    models = {name: _model(start) for name, start in LAWS.items()}
+    first = {"parameters": models["zener"]["parameters"]}
+    with _columns(t=times, u=moved) as path:
+        displacement = {"file": path, "column": "u", "time": "t"}
+        bench = {
+            "name": "bench",
+            "problem": {"kind": "material", "law": law, "displacement": displacement},
+            "method": "gauss4",
+            "ladder": {"steps": [samples - 1]},
+        }
+        asked = {"output": {"times": times.tolist()}, "quantities": {"f": "force"}}
+        (made,) = fvi.run(fvi.load({**bench, **asked}))
+        force = made.to_dataframe("motions")["f"].to_numpy()
+    noisy = force + 20.0 * np.random.default_rng(3).normal(size=samples)
+    signal = np.random.default_rng(0).normal(size=2**20)
+    transform = min(processor_seconds(lambda: rfft(signal)) for _ in range(9))
+    with _columns(t=times, u=moved, f=noisy) as path:
+        bench["problem"] = {
+            "kind": "material",
+            "law": law,
+            "displacement": {**displacement, "file": path},
+        }
+        data = {"file": path, "time": "t", "columns": {"force": "f"}}
+        config = fvi.load({**bench, "fit": {"data": data, **first, "models": models}})
+        seconds = processor_seconds(lambda: fvi.fit(config))
+    return PeopleRow(
+        name=f"four laws fitted to {samples} samples / transforms rfft(2^20)",
+        seconds=seconds,
+        reference_seconds=transform,
+        goal=400.0,
+    )
+
+
+ROWS: Sequence[Callable[[], PeopleRow]] = (
+    building_row,
+    sweep_row,
+    bifurcation_row,
+    ensemble_row,
+    fit_row,
+)
+
+
+def run_people() -> list[PeopleRow]:
+    """Every row in a process of its own."""
+    return [in_own_process(row) for row in ROWS]
+
+
+def people_table(rows: Sequence[PeopleRow]) -> str:
+    """Markdown: the work, its seconds, the ratio and whether it meets its goal."""
+    remark = "Processor seconds in one thread, the least of three in turn in one process."
+    return table(
+        remark,
+        ["work / measured by", "seconds", "by", "ratio", "goal", "met"],
+        (
+            [
+                row.name,
+                number(row.seconds, ".3g"),
+                number(row.reference_seconds, ".3g"),
+                number(row.ratio, ".3g"),
+                number(row.goal, ".3g"),
+                yes_or_no(row.ratio <= row.goal if math.isfinite(row.ratio) else False),
+            ]
+            for row in rows
+        ),
+    )

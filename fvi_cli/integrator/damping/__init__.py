@@ -1,1 +1,0 @@
-"""Damping of scenes, by the matrices along which it acts."""

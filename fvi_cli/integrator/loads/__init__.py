@@ -1,1 +1,0 @@
-"""Forces that are known in advance, as load vectors of single steps."""

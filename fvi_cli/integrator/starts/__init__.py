@@ -1,1 +1,0 @@
-"""Powers of time with which a motion begins, and corrections of the first steps."""

@@ -1,0 +1,196 @@
+"""What a step is believed for: forces that its stages do not see."""
+
+import math
+import os
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from letters import in_pieces, spring, swing
+from oracles.volterra import solve_volterra
+from spread import SEED, spread
+
+import fvi_cli as fvi
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.sampled import FunctionForce, SampledForce
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes import looks
+from fvi_cli.integrator.meshes.controller import AdaptiveSteps
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.mathematics.expressions import Expression
+
+SHAPES = {
+    "exp": "exp(-{u}**2)",
+    "tanh": "1 - tanh{u}**2",
+    "cosh": "1/cosh({u})",
+    "quotient": "1/(1 + {u}**2)**4",
+    "gate": "(tanh({u} + 3) - tanh({u} - 3))/2",
+}
+BESIDE = ["", " + sin(3*{t})", " + 5*{t}", " + exp(-{t})", " + {t}**2.5", " - 40"]
+
+
+def run(scene: Scene, tolerance: float, m: int = 6) -> Trajectory:
+    found = integrate(
+        scene, Method(cq="gauss", degree=m), AdaptiveSteps(tolerance=tolerance), with_steps=True
+    )
+    assert found.status == "ok"
+    return found
+
+
+def one_coordinate(lagrangian: str, position: float, velocity: float, T: float, **more) -> Scene:
+    return fvi.lagrangian_scene(
+        coordinates=["x"],
+        lagrangian=lagrangian,
+        initial_position=[position],
+        initial_velocity=[velocity],
+        final_time=T,
+        **more,
+    )
+
+
+def pulse(shape: str, middle: float, width: float, beside: str = "") -> Forcing:
+    u = f"((t - {middle!r})/{width!r})"
+    return Forcing.from_text("2*(" + SHAPES[shape].replace("{u}", u) + ")" + beside)
+
+
+@pytest.mark.parametrize("width", [0.03, 0.003])
+def test_a_narrow_wall_is_met(width):
+    wall = f"0.5*vx**2 - 5*exp(-((x - 2)/{width})**2)"
+    found = run(one_coordinate(wall, 0.0, 1.0, 4.0), 1e-6)
+    # from the exact turning point a time of flight back: the ball stands where V = 1/2
+    turn = width * math.sqrt(math.log(10.0))
+    nodes, weights = np.polynomial.legendre.leggauss(400)
+    u = 0.5 * (nodes + 1.0)
+    # x = x0 - (distance) u^2 takes the root out of the integrand
+    top = 2.0 - turn
+    x = top - top * u**2
+    energy = 0.5 - 5.0 * np.exp(-(((x - 2.0) / width) ** 2))
+    speed = np.sqrt(2.0 * np.maximum(energy, 1e-300))
+    one_way = float((0.5 * weights * 2.0 * top * u / speed).sum())
+    assert found.position[-1, 0] == pytest.approx(2.0 * one_way - 4.0, abs=3e-6)
+
+
+def test_no_more_steps_on_smooth_scenes():
+    """Steps that the Legendre tail alone took."""
+    scene = swing((0.5, np.array([[0.3]])), T=20.0, x=1.0)
+    assert [run(scene, tol).n_steps for tol in (1e-4, 1e-6, 1e-8)] <= [25, 41, 68]
+
+
+@settings(max_examples=3, deadline=None)
+@given(origin=st.floats(30.0, 300.0), is_left=st.booleans())
+def test_steps_do_not_depend_on_where_the_origin_lies(origin, is_left):
+    """The mass grows with the velocity, and not with the place."""
+    lagrangian = "0.5*vx**2 + 0.25*vx**4 - 0.5*(x - {!r})**2"
+    origin = -origin if is_left else origin
+    here, there = (
+        run(one_coordinate(lagrangian.format(at), at + 1.0, 0.3, 9.0), 1e-6) for at in (0.0, origin)
+    )
+    assert there.time == pytest.approx(here.time, rel=1e-6)
+    assert there.position - origin == pytest.approx(here.position, abs=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_what_acts_behind_a_break_point_changes_no_step_before_it(seed):
+    rng = np.random.default_rng([int(os.environ[SEED]), seed])
+    cut, rate, order = rng.uniform(1.0, 4.0), rng.uniform(2.0, 9.0), rng.uniform(0.2, 1.4)
+    make = (spring, swing)[seed % 2]
+    ways = []
+    for later in (f"sin({rate}*t)", "0"):
+        force = in_pieces(f"sin({rate}*t)", cut, later)
+        found = run(make((order, 0.3), T=5.0, x=1.0, v=0.0, forcing=force), 1e-6)
+        before = found.time <= cut
+        assert found.time[before][-1] == cut
+        ways.append((found.time[before], found.position[before], found.position[-1]))
+    same, quiet = ways
+    assert not np.allclose(same[2], quiet[2], atol=1e-3)
+    assert np.array_equal(quiet[0], same[0])
+    assert np.array_equal(quiet[1], same[1])
+
+
+@pytest.mark.few(2)
+@pytest.mark.parametrize("seed", range(6))
+def test_samples_are_few_beside_a_pulse_and_all_of_it(seed):
+    random = np.random.default_rng([22, seed])
+    T = float(10 ** random.uniform(-6, 6))
+    for shape in SHAPES:
+        width = T * float(10 ** random.uniform(-4.2, -3.8))
+        middle = float(random.uniform(0.1, 0.9)) * T
+        beside = BESIDE[seed % len(BESIDE)].replace("{t}", f"(t/{T!r})")
+        (found,) = looks.sample_forcing(pulse(shape, middle, width, beside), T)
+        kept = found.times[found.kept]
+        assert kept.size < looks.SAMPLES / 8
+        near = np.abs(found.times - middle) < width
+        assert np.isin(found.times[near], kept).all()
+
+
+def test_gentle_forces_are_not_sampled_and_pieces_each():
+    assert looks.sample_forcing(Forcing.from_text("sin(3*t) + t**2"), 2.0) == ()
+    first, second = looks.sample_forcing(in_pieces("exp(-t)", 1.0, "1/(1 + t)"), 2.0)
+    assert first.times[-1] < 1.0 < second.times[0]
+    assert first.times.size == second.times.size == looks.SAMPLES // 2
+
+
+def test_what_a_pulse_moves_is_met_and_not_without_the_looks(monkeypatch):
+    middle, width, tolerance = 2.879, 0.000306, 6.8e-6
+    scene = spring((1.648, 0.86), k=1.0, T=8.0, forcing=pulse("tanh", middle, width))
+    found = fvi.solve(scene, tolerance=tolerance)
+    # at rest before: the same motion, later
+    lead = 20 * width
+    known = solve_volterra(
+        1.0,
+        [(1.648, 0.86)],
+        lambda x: x,
+        lambda x: np.ones((len(x), 1, 1)),
+        lambda t: 2.0 / np.cosh(np.clip((t - lead) / width, -300.0, 300.0))[:, None] ** 2,
+        [0.0],
+        [0.0],
+        8.0 - middle + lead,
+        tolerance=1e-12,
+    )
+    times = np.linspace(middle - lead, 8.0, 300)
+    right = known.position(times - times[0])
+    assert np.abs(right).max() > 2e-4
+    assert found.outcome == "met"
+    assert np.abs(found(times) - right).max() <= tolerance
+    monkeypatch.setattr(looks.Looks, "missed", lambda *arguments: np.zeros((0, 1)))
+    blind = fvi.solve(scene, tolerance=tolerance)
+    assert blind.outcome == "met"
+    assert np.abs(blind.position).max() < 0.01 * 2e-4
+
+
+def line(kind: str, slope: float, T: float) -> ForceComponent:
+    """A straight line that begins at 1."""
+    if kind == "samples":
+        times = np.linspace(0.0, T, 25)
+        return SampledForce.through(times, 1.0 + slope * times, "linear")
+    if kind == "function":
+        return FunctionForce(function=lambda t: 1.0 + slope * t)
+    return Expression.parse(f"1 + {slope!r}*t", variables=("t",))
+
+
+@spread(few=1, kind=("samples", "function"), what=["pulse", "wall"])
+def test_a_tolerance_holds_beside_samples_and_functions(kind, what):
+    T, tolerance = 6.0, 1e-6
+    more = {
+        "pulse": "x*3*exp(-((t - 2.87)/4e-3)**2)",
+        "wall": "1e-3*tanh((x - 0.9123)/1e-2)",
+    }[what]
+
+    def solve(kind: str, more: str, tolerance: float) -> Trajectory:
+        force = Forcing(pieces=(ForcingPiece(components=(line(kind, 0.2, T),)),))
+        damping = [FractionalDamping(order=0.5, coefficient=0.2)]
+        scene = one_coordinate(
+            f"vx**2/2 - x**2/2 - x**4/4 + {more}", 0.0, 0.0, T, damping=damping, forcing=force
+        )
+        return fvi.solve(scene, tolerance=tolerance)
+
+    found, exact = solve(kind, more, tolerance), solve("formula", more, 1e-3 * tolerance)
+    assert found.outcome == exact.outcome == "met"
+    times = np.linspace(0.0, T, 200)
+    assert np.abs(found(times) - exact(times)).max() <= tolerance
+    # the control: it moves the system by far more than the tolerance
+    assert np.abs(solve(kind, "0*x", tolerance)(times) - exact(times)).max() > 100 * tolerance

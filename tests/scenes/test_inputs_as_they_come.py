@@ -1,0 +1,174 @@
+"""Records, tables and matrices as instruments and programs write them, and what is refused."""
+
+import re
+
+import numpy as np
+import pytest
+
+from fvi_cli.effects.matrices import dense
+from fvi_cli.scenes.records.csv_samples import read_at2_samples, read_csv_columns, read_csv_samples
+from fvi_cli.scenes.records.data_files import DataFileError
+from fvi_cli.scenes.structures.matrix_files import read_matrix
+
+NUMBERS = "1.000000E-02  -2.000000E-02  3.000000E-02\n2.000000E-02  -3.000000E-02  0.000000E+00\n"
+VALUES = [0.01, -0.02, 0.03, 0.02, -0.03, 0.0]
+UNITS = "ACCELERATION TIME HISTORY IN UNITS OF G\n"
+HEADS = {
+    "named": f"PEER STRONG MOTION\nIMPERIAL VALLEY\n{UNITS}NPTS=  6, DT= .01000 SEC\n",
+    "before": f"PEER NGA RECORD\nCORINTH EQ\n{UNITS}6    0.0100    NPTS, DT\n",
+    "no blanks": f"  PEER\n  FRIULI\n  {UNITS}  NPTS=6,    DT=0.0100SEC\n",
+    "three lines": f"PEER\n{UNITS}NPTS= 6, DT= .01000 SEC\n",
+    "five lines": f"PEER. PROCESSING BY\nTHE AUTHOR\nEL CENTRO\n{UNITS}NPTS= 6, DT= .01000 SEC\n",
+}
+
+
+@pytest.fixture
+def file_of(tmp_path):
+    def write(text, name="record.AT2"):
+        path = tmp_path / name
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return path, name
+
+    return write
+
+
+@pytest.mark.parametrize("head", HEADS)
+@pytest.mark.parametrize("ends", ["\n", "\r\n"])
+def test_headers_of_records(file_of, head, ends):
+    found = read_at2_samples(*file_of((HEADS[head] + NUMBERS).replace("\n", ends)))
+    assert found.values.tolist() == VALUES
+    assert found.time.tolist() == [0.0, 0.01, 0.02, 0.03, 0.04, 0.05]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_numbers_in_fixed_columns_touch(file_of, seed):
+    values = np.random.default_rng(seed).uniform(-0.5, 0.5, 23)
+    head = f"PEER\nEQ\n{UNITS}NPTS= 23, DT= .01 SEC\n"
+    rows = [values[k : k + 5] for k in range(0, 23, 5)]
+    glued = "\n".join("".join(f"{one:14.7E}" for one in row) for row in rows)
+    assert re.search(r"\d-", glued)
+    spaced = "\n".join("  ".join(f"{one:.7E}" for one in row) for row in rows)
+    found, known = (read_at2_samples(*file_of(head + one)) for one in (glued, spaced))
+    assert np.array_equal(found.values, known.values)
+    # numbers that touch without a sign could be cut in several ways
+    with pytest.raises(DataFileError, match=r"AT2:5: .* is not a finite number"):
+        read_at2_samples(*file_of(head + glued.replace(" ", "").replace("-0.", "0.")))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (HEADS["named"].replace("ACCELERATION", "VELOCITY") + NUMBERS, "AT2:3: .*the velocity of"),
+        (HEADS["named"].replace("ACCELERATION", "DISPLACEMENT") + NUMBERS, "the displacement of"),
+        (
+            NUMBERS + HEADS["named"],
+            "NPTS= and DT= are missing in the first 5 lines",
+        ),
+        ("Origin Time       2011/03/11 14:46:00\nLat. 38.1\n", "format of K-NET"),
+        ("Corrected acceleration (COSMOS format v1.2)\n", "format of COSMOS"),
+        (HEADS["named"] + NUMBERS.partition("\n")[0], "3 accelerations where .*NPTS = 6"),
+        (HEADS["named"] + NUMBERS * 2, "more than 6 accelerations"),
+        (HEADS["named"] + NUMBERS.replace("3.0", "x"), "AT2:5: 'x00000E-02' is not"),
+    ],
+)
+def test_other_records_are_refused(file_of, text, words):
+    with pytest.raises(DataFileError, match=words):
+        read_at2_samples(*file_of(text))
+
+
+TABLES = {
+    "plain": "t,a\n0.0,1.5\n0.1,-2.5e-1\n",
+    "instrument": "#Oscilloscope\n#Serial: 0\n\nt,a\n0.0,1.5\n0.1,-0.25\n",
+    "machine": "Specimen,Mount 7\nRate,50 mm/min\nt,a\n(s),(N)\n0.0,1.5\n0.1,-0.25\n",
+    "units": "t;a\ns;m/s^2\n0.0;1.5\n0.1;-0.25\n",
+    "tabs, DOS, BOM": "\ufefft\ta\r\n0.0\t1.5\r\n0.1\t-0.25\r\n",
+    "other columns": "who,t,a\nme,0.0,1.5\nyou,0.1,-0.25\n",
+    "quoted": 't,a\n"0.0","1.5"\n"0.1","-0.25"\n',
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_of_instruments(file_of, name):
+    found = read_csv_samples(*file_of(TABLES[name], "a.csv"), "t", "a")
+    assert found.time.tolist() == [0.0, 0.1]
+    assert found.values.tolist() == [1.5, -0.25]
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "Zeit [s];Weg, gefiltert [mm]\n0,00;0,4350\n0,05;-0,4237\n",
+        'Zeit [s],"Weg, gefiltert [mm]"\n"0,00","0,4350"\n"0,05","-0,4237"\n',
+    ],
+)
+def test_decimal_commas_are_read_where_they_are_said(file_of, text):
+    given = file_of(text, "a.csv")
+    columns = ("Zeit [s]", "Weg, gefiltert [mm]")
+    found = read_csv_samples(*given, *columns, decimal=",")
+    assert (found.time.tolist(), found.values.tolist()) == ([0.0, 0.05], [0.435, -0.4237])
+    with pytest.raises(DataFileError, match=r"a\.csv:2: .*write decimal: ','"):
+        read_csv_samples(*given, *columns)
+
+
+@pytest.mark.parametrize(
+    ("text", "decimal", "words"),
+    [
+        ("t;x\n0.00;4,350,000.0\n0.05;4,237,000.0\n", ".", "a.csv:2: .*'4,350,000.0'"),
+        ("t;x\n0,00;4.350,5\n0,05;4.237,0\n", ",", "a.csv:2: .*'4.350,5'"),
+        ("t,x\n0.000,1\n0.001,2\n0.001,3\n", ".", "a.csv:4: t = 0.001 is the time of line 3 too"),
+        ("t,x\n0.0,1\n0.2,2\n0.1,3\n", ".", "a.csv:4: t = 0.1 is not after 0.2 .*sort"),
+        ("t,x\n0.0,1\n0.1,NaN\n0.2,\n", ".", "a.csv:3: (.|\n)*a.csv:4: column 'x' is empty"),
+        ("t,x\n0,5,1.2\n", ".", "a.csv:2: 3 cells, but 2 names"),
+        ("t,y\n0,5\n1,2\n", ".", "a.csv:1: no column is called 'x'"),
+        ("t,x\nnan,nan\n0,1\n", ".", "a.csv:2: "),
+        ("t,x\n", ".", "no samples"),
+        ("", ".", "a.csv:1: the file is empty"),
+        ("t,x\n0,\xe9\n".encode("latin-1"), ".", "a.csv:2: not UTF-8"),
+        (b"PK\x03\x04....", ".", "not a text but a spreadsheet"),
+    ],
+)
+def test_what_cannot_be_read_exactly_is_refused_with_its_line(file_of, text, decimal, words):
+    with pytest.raises(DataFileError, match=words):
+        read_csv_samples(*file_of(text, "a.csv"), "t", "x", decimal=decimal)
+
+
+def test_a_column_of_labels_is_no_hindrance(file_of):
+    given = file_of("storey,mass\nroof,2.0\nfirst,3.0\n", "building.csv")
+    assert read_csv_columns(*given, ("mass",)).table[:, 0].tolist() == [2.0, 3.0]
+
+
+CHAIN = [[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 1.0]]
+ENTRIES = "3 3 5\n1 1 2.0\n2 1 -1.0\n2 2 2.0\n3 2 -1.0\n3 3 1.0\n"
+BANNER = "%%MatrixMarket matrix coordinate real symmetric\n"
+MARKETS = {
+    "plain": BANNER + ENTRIES,
+    "lower case": BANNER.lower() + ENTRIES,
+    "blanks": f"{BANNER}  % from a Fortran program\n{ENTRIES}".replace("\n1", "\n   1"),
+    "fortran": BANNER + re.sub(r"(\.0)\n", r"\1D+00\n", ENTRIES),
+    "array": "%%MatrixMarket matrix array real symmetric\n3 3\n2.\n-1.\n0.\n2.\n-1.\n1.\n",
+    "repeated": BANNER + ENTRIES.replace("3 3 5", "3 3 6").replace("1 1 2.0", "1 1 1.0\n1 1 1.0"),
+}
+
+
+@pytest.mark.parametrize("name", MARKETS)
+def test_matrices_of_finite_element_programs(file_of, name):
+    assert dense(read_matrix(*file_of(MARKETS[name], "K.mtx"))).tolist() == CHAIN
+
+
+@pytest.mark.parametrize(
+    ("text", "name", "words"),
+    [
+        (BANNER + ENTRIES.replace("2.0", "2,0"), "K.mtx", "K.mtx:3: ',' is not allowed"),
+        (BANNER + ENTRIES, "K.mm", "the ending must be one of"),
+        (BANNER + "9999999 9999999 5\n1 1 1.0\n", "K.mtx", "a sparse matrix may have"),
+        (BANNER + "3 3 99999\n1 1 1.0\n", "K.mtx", "99999 entries are declared"),
+        ("1 2\n2\n", "K.txt", "not a readable .txt file"),
+        ("# nothing\n", "K.csv", "not a readable .csv file"),
+        ("1 2\n3 1\n", "K.txt", "mirror image"),
+        ("1 nan\nnan 1\n", "K.txt", "every entry must be finite"),
+        (b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(64), "K.mat", "7.3.*save it"),
+    ],
+)
+def test_other_matrices_are_refused(file_of, text, name, words):
+    with pytest.raises(DataFileError, match=words):
+        read_matrix(*file_of(text, name))
