@@ -33,9 +33,9 @@ def promised(head: str) -> set[str]:
 def test_a_run_and_what_is_stored_of_it(tmp_path):
     made = document("run", *QUICK, "--json", "-o", str(tmp_path))
     assert made["files"] == [(tmp_path / "bagley-torvik-1-2.h5").as_posix()]
-    assert set(made) | set(made["runs"][0]) == promised("run --json")
+    assert set(made) | set(made["runs"][0]) > promised("run --json")
     shown = document("show", made["files"][0], "--json")
-    assert set(shown) | set(shown["runs"][0]) == promised("show --json")
+    assert set(shown) | set(shown["runs"][0]) > promised("show --json")
     for key in ("case", "n_steps", "error", "status"):
         assert [run[key] for run in shown["runs"]] == [run[key] for run in made["runs"]]
     planned = document("run", *QUICK, "--dry-run", "--json", "-o", str(tmp_path))
