@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
-from fvi_cli.integrator.observations import observe
+from fvi_cli.integrator.observe import observe
 from fvi_cli.runner import progress, request
 from fvi_cli.storage.digests import SOLVER_VERSION
 from fvi_cli.studies.tolerance import runs as tolerance_runs

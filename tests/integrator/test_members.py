@@ -17,8 +17,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import groups, integrate_batch, integrate_members
+from fvi_cli.integrator.integrate import group, integrate, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.scenes.data import duffing
@@ -67,7 +66,7 @@ def check_alone(scenes: list[Scene], method: AnyMethod, n_steps: int) -> list[st
 def companions(scenes, method, n_steps):
     """How many scenes the batch of each scene has."""
     found = [1] * len(scenes)
-    for places in groups(scenes, method, n_steps):
+    for places in group(scenes, method, n_steps):
         for place in places:
             found[place] = len(places)
     return found

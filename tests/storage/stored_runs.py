@@ -11,7 +11,7 @@ import numpy as np
 from made_runs import made_experiment, made_run
 
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.results.diagnostics import NewtonRecord
+from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage import list_runs, open_results, read_results
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run

@@ -13,8 +13,8 @@ from typing import Any, Final, Literal
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import method_columns
-from fvi_cli.integrator.observations.request import Event, Impact
-from fvi_cli.integrator.results.observed import Extent, Observed
+from fvi_cli.integrator.observe.request import Event, Impact
+from fvi_cli.integrator.trajectory import Extent, Observed
 from fvi_cli.storage.files import escape_text
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.order import damping_orders
@@ -96,8 +96,10 @@ def _column(name: str) -> Callable[[FinishedRun], str]:
 
 
 def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
-    """Mesh points of a single run whose output times are others; else None."""
-    observed = finished.trajectory.observed
+    """Points of works and energies, or of a single run whose output times are others; or None."""
+    observed, diagnostics = finished.trajectory.observed, finished.trajectory.diagnostics
+    if diagnostics is not None:
+        return diagnostics.time
     if observed is None or finished.run.member is not None:
         return None
     return None if finished.run.experiment.observations.times is None else observed.mesh
@@ -121,12 +123,12 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("momentum", "momentum", "trajectory.momentum", (TIME, "dof")),
     Field("energy", "Hamiltonian without forcing", "trajectory.energy", (TIME,)),
     Field("dissipated_work", "work done against the damping since the start",
-          _D + "dissipated_work", (TIME,)),
-    Field("forcing_work", "work done by the forcing since the start", _D + "forcing_work", (TIME,)),
+          _D + "dissipated_work", (MESH,)),
+    Field("forcing_work", "work done by the forcing since the start", _D + "forcing_work", (MESH,)),
     Field("energy_defect",
           "energy less its start, plus dissipated work, less work of the forcing",
-          _D + "energy_defect", (TIME,)),
-    Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (TIME,)),
+          _D + "energy_defect", (MESH,)),
+    Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (MESH,)),
     Field(MESH, "points of the steps", _mesh, (MESH,)),
     Field("quantities/*", "quantity *", _O + "quantities.*", (TIME,)),
     Field("events/*/time", "time at the event *", _O + "events.*.time", (_EVENT,)),

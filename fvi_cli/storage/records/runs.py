@@ -13,9 +13,13 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
-from fvi_cli.integrator.results.observed import Observed, Occurrences
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import (
+    Diagnostics,
+    NewtonRecord,
+    Observed,
+    Occurrences,
+    Trajectory,
+)
 from fvi_cli.storage.digests import (
     SOLVER_VERSION,
     Inputs,
@@ -25,7 +29,15 @@ from fvi_cli.storage.digests import (
 )
 from fvi_cli.storage.files import escape_text
 from fvi_cli.storage.provenance import libraries, origin
-from fvi_cli.storage.records.fields import FIELDS, TIME, Field, field_named, named_as, read_extents
+from fvi_cli.storage.records.fields import (
+    FIELDS,
+    MESH,
+    TIME,
+    Field,
+    field_named,
+    named_as,
+    read_extents,
+)
 from fvi_cli.storage.records.record import SWEPT, StoredRecord, swept_by
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
@@ -66,7 +78,7 @@ def stored_record(finished: FinishedRun) -> StoredRecord:
     every = 1 if finished.trajectory.every > 1 else run.experiment.store_every
     if every > 1:
         kept = kept_points(arrays[TIME].size, every)
-        arrays = {n: v[kept] if axes[n][0] == TIME else v for n, v in arrays.items()}
+        arrays = {n: v[kept] if axes[n][0] in (TIME, MESH) else v for n, v in arrays.items()}
         attributes["store_every"] = every
     if run.member is not None:
         own = _times_on_grid(run, arrays[TIME])
@@ -167,8 +179,10 @@ def finished_of(record: StoredRecord, run: Run) -> FinishedRun:
     observed = tree["trajectory"].get("observed")
     if observed is not None:
         a = record.attributes
-        observed["mesh"] = record.arrays.get("mesh", record.arrays[TIME])
+        observed["mesh"] = record.arrays.get(MESH, record.arrays[TIME])
         observed["extents"] = read_extents(json.loads(a.get("quantity_extents", "{}")))
+    if (diagnostics := tree["trajectory"].get("diagnostics")) is not None:
+        diagnostics["time"] = record.arrays[MESH]
     found = FinishedRun(run=run, **{k: _made(v, (k,)) for k, v in tree.items()})
     if record.attributes["norm"] == run.experiment.norm:
         return found

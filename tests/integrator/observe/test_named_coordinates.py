@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations import dampers, motion
+from fvi_cli.integrator.observe import dampers, motion
 from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
 D, STEPS, FINAL_TIME = 60, 120, 2.0
