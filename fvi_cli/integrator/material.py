@@ -67,10 +67,8 @@ def material_response(
     motion = replace(scene.prescribed, final_time=scene.final_time)
     mesh = mesh_of_motion(motion, method, steps)
     found = _steps_through(motion, method, mesh)
-    kept = [np.ones(1, dtype=bool)]
-    for one in mesh.stretches:
-        kept.append(np.isin(np.arange(1, one.n_steps + 1), one.reported))
-    reported = np.concatenate(kept)
+    kept = [np.isin(np.arange(1, one.n_steps + 1), one.reported) for one in mesh.stretches]
+    reported = np.concatenate([[True], *kept])
     trajectory = Trajectory(
         time=found.time[reported],
         position=found.position[reported],

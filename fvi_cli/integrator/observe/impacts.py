@@ -271,7 +271,8 @@ class Bouncing:
         speed = surface.speed(step.end_position, step.end_velocity, step.end)
         if landing.goes_on(gap, speed, tolerance):
             return None
-        if gap < -tolerance:
+        # the motion goes on for a unit in the last place of the time
+        if gap < -tolerance - abs(speed) * math.ulp(step.end):
             self._fail(StepFailedError(f"the step to {name} has no end on it"))
             return None
         self._go_on(step, step.end)
