@@ -135,9 +135,10 @@ def integrate(
         diagnostics=diagnostics,
         with_steps=with_steps,
     )
-    if scene.forcing is None or isinstance(steps, AdaptiveSteps):
+    if scene.forcing is None:
         return found
-    longest = float(steps.sizes.max()) if isinstance(steps, Mesh) else found.step_size
+    longest = 0.0 if isinstance(steps, AdaptiveSteps) else found.step_size
+    longest = float(steps.sizes.max()) if isinstance(steps, Mesh) else longest
     remarks = scene.forcing.remarks(scene.final_time, longest)
     return replace(found, remarks=(*found.remarks, *remarks)) if remarks else found
 
