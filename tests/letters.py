@@ -9,11 +9,11 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.observations.observe import integrate_requested
-from fvi_cli.integrator.observations.observer import Pair
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes import data as scenes
 
 WORDS = {
@@ -62,9 +62,9 @@ def in_pieces(*parts: str | float) -> Forcing:
 
 def observe_one(
     scene: Scene, method: AnyMethod, n_steps: AnySteps, request: Observations, **options: Any
-) -> Pair:
+) -> Trajectory:
     """One scene integrated and observed."""
-    (found,) = integrate_requested([scene], method, [n_steps], [request], **options)
+    (found,) = integrate_members([scene], method, n_steps, observe=[request], **options)
     return found
 
 

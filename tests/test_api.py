@@ -181,7 +181,7 @@ def test_a_scene_is_integrated_by_the_name_of_a_method():
         initial_position=[1.0],
         initial_velocity=[0.0],
     )
-    wanted = fvi.DiagnosticsRequest(energy_balance=True)
+    wanted = True
     named = fvi.integrate(scene, "gauss3", 16, diagnostics=wanted)
     given = fvi.integrate(scene, fvi.Method(cq="gauss", degree=3, start="graded"), 16)
     np.testing.assert_allclose(named.position, given.position, atol=1e-14)

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
-from fvi_cli.integrator.observations import observe
+from fvi_cli.integrator.observe import observe
 from fvi_cli.runner import progress, request
 from fvi_cli.storage import identity
 from fvi_cli.storage.identity import SOLVER_VERSION

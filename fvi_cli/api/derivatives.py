@@ -19,13 +19,13 @@ from fvi_cli.integrator.gradients.parameters import (
     parameter_of,
 )
 from fvi_cli.integrator.gradients.quantity import Quantity
+from fvi_cli.integrator.integrate import method_on
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.request import Observations, known_names, names_of
+from fvi_cli.integrator.observe.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
-from fvi_cli.runner.integrate_scene import method_on
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
 

@@ -8,7 +8,6 @@ from fvi_cli.config import shipped_configs as _shipped_configs
 from fvi_cli.config import shipped_titles as shipped_titles
 from fvi_cli.config import starter_config as starter_config
 from fvi_cli.effects.damping import FractionalDamping as FractionalDamping
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest as DiagnosticsRequest
 from fvi_cli.effects.forcing import Forcing as Forcing
 from fvi_cli.effects.forcing import ForcingPiece as ForcingPiece
 from fvi_cli.effects.inertia import Inertia as Inertia
@@ -30,7 +29,8 @@ from fvi_cli.integrator.gradients.quantity import misfit as misfit
 from fvi_cli.integrator.gradients.quantity import position_at as position_at
 from fvi_cli.integrator.gradients.quantity import quantity_at as quantity_at
 from fvi_cli.integrator.gradients.quantity import velocity_at as velocity_at
-from fvi_cli.integrator.members import integrate_members as integrate_members
+from fvi_cli.integrator.integrate import integrate as integrate
+from fvi_cli.integrator.integrate import integrate_members as integrate_members
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps as AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh as Mesh
 from fvi_cli.integrator.meshes.mesh import graded_mesh as graded_mesh
@@ -52,7 +52,6 @@ from fvi_cli.runner.compute import recall as recall
 from fvi_cli.runner.compute import run as run
 from fvi_cli.runner.cost import cost as cost
 from fvi_cli.runner.fit import fit as fit
-from fvi_cli.runner.integrate_scene import integrate as integrate
 from fvi_cli.runner.outcome import Outcome as Outcome
 from fvi_cli.runner.request import load as load
 from fvi_cli.runner.stability import stability as stability

@@ -30,12 +30,11 @@ from fvi_cli.config.members import ReadMembers, make_members
 from fvi_cli.config.memory import check_memory
 from fvi_cli.config.observations import check_member, read_observations, read_units
 from fvi_cli.config.problem import make_problem, problem_keys
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.integrator.memory.damping import law_objection
 from fvi_cli.integrator.meshes.mesh import misplaced_break_point
 from fvi_cli.integrator.method import Baseline, Method
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
 from fvi_cli.keys.settings import as_plain
@@ -84,7 +83,7 @@ def make_experiment(
         _check_cases(values[key], methods, at.under(key))
     if is_described:
         _warn_of_negative(described, at.under("problem"))
-    accuracy, diagnostics, members = None, NO_DIAGNOSTICS, None
+    accuracy, diagnostics, members = None, False, None
     observed, units = Observations(), dict[str, str]()
     if problem is not None:
         _check_meeting(problem, methods)

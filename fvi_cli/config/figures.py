@@ -7,7 +7,7 @@ from typing import Any
 
 from fvi_cli.config.keys.experiment import FIGURES
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.keys.complaints import excerpt, listed, suggestion
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.nodes import node_of

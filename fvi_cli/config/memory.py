@@ -27,7 +27,7 @@ def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int, *, member
     kept = 2 * (2 + 2 * d) * (n_steps // every if own.is_empty else n_steps)
     if not isinstance(method, Method):
         kept += 6 * d * n_steps
-    elif not (own.is_empty and experiment.diagnostics.is_empty):
+    elif not (own.is_empty and not experiment.diagnostics):
         kept += method.degree * d * n_steps
     return 8 * members * kept
 

@@ -12,9 +12,8 @@ from fvi_cli.config.keys.methods import ListedMethod
 from fvi_cli.config.keys.observations import Output
 from fvi_cli.config.keys.store import StoreKeys
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.dampers import check_forces, damper_values
-from fvi_cli.integrator.observations.impacts.surface import Surface, start_objection
-from fvi_cli.integrator.observations.request import (
+from fvi_cli.integrator.observe.dampers import check_forces, damper_values
+from fvi_cli.integrator.observe.request import (
     Event,
     Impact,
     Observations,
@@ -22,6 +21,7 @@ from fvi_cli.integrator.observations.request import (
     known_names,
     surface_objection,
 )
+from fvi_cli.integrator.observe.surface import Surface, start_objection
 from fvi_cli.keys.complaints import listed as listed_words
 from fvi_cli.keys.complaints import suggestion
 from fvi_cli.keys.cursor import Cursor, is_complete
@@ -230,20 +230,9 @@ def _check_neighbours(
         except ValueError as error:
             at.refuse_key(name, str(error))
             break
-    has_diagnostics = (
-        isinstance(settings.store, StoreKeys) and settings.store.diagnostics is not None
-    )
-    if at.has("output") and isinstance(settings.store, StoreKeys):
-        if settings.store.every != 1:
-            message = "not together with output, which chooses the stored times; leave out one"
-            at.refuse(message, "store", "every")
-        if has_diagnostics:
-            at.refuse(
-                "not together with output: they are stored on the mesh; leave out output, or "
-                "write quantities such as {work: work_1}",
-                "store",
-                "diagnostics",
-            )
+    if at.has("output") and isinstance(settings.store, StoreKeys) and settings.store.every != 1:
+        message = "not together with output, which chooses the stored times; leave out one"
+        at.refuse(message, "store", "every")
     if not at.has("impacts"):
         return
     if (at.has("sweep") or at.has("designs")) and not at.has("output"):
@@ -255,8 +244,6 @@ def _check_neighbours(
         at.refuse_key("impacts", "not together with accuracy; give a ladder")
     if isinstance(settings.ladder, Ladder) and settings.ladder.grading is not None:
         at.refuse("not together with impacts, which grade the mesh themselves", "ladder", "grading")
-    if has_diagnostics:
-        at.refuse("not together with impacts", "store", "diagnostics")
 
 
 def _expression(

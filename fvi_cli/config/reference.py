@@ -12,7 +12,7 @@ from fvi_cli.config.keys.experiment import EXPERIMENT, SEVERAL, SINGLE
 from fvi_cli.config.keys.ladder import ACCURACY_EXAMPLE
 from fvi_cli.config.load import parse_config
 from fvi_cli.errors import RequestError
-from fvi_cli.integrator.observations.request import names_of
+from fvi_cli.integrator.observe.request import names_of
 from fvi_cli.keys.complaints import listed, suggestion
 from fvi_cli.keys.cursor import Missing
 from fvi_cli.keys.scalars import Schema

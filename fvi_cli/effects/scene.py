@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import Any, Final, Literal
@@ -175,10 +176,16 @@ class Scene:
                 found.append((-order, load))
         return tuple(found)
 
-    def initial_force(self, time: Array) -> Array:
-        """The sum of :attr:`initial_loads` at times ``(n,)``, ``(n, d)``; infinite at t = 0."""
-        total = np.zeros((time.size, self.dimension))
-        for power, load in self.initial_loads:
+    def initial_force(
+        self, time: Array, take: Callable[[Array], Array] = lambda load: load
+    ) -> Array:
+        """The sum of :attr:`initial_loads` at times ``(n,)``, ``(n, d)``; infinite at t = 0.
+
+        With `take` a linear map of it, from ``(d,)``.
+        """
+        total = np.zeros((time.size, take(self.initial_position).size))
+        for power, whole in self.initial_loads:
+            load = take(whole)
             acted = load != 0
             with np.errstate(all="ignore"):
                 total[:, acted] += time[:, None] ** power * load[acted]

@@ -19,8 +19,7 @@ from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.method import Baseline
-from fvi_cli.integrator.results.diagnostics import NewtonRecord
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.mathematics.convergence import find_roots

@@ -11,11 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.failure import Failure
-from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
-from fvi_cli.integrator.results.observed import Observed
-from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.results.showing import dataframe_of, dataset_of
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.integrator.steps import RunSteps
+from fvi_cli.mathematics.arrays import Array, Places
 
 Status = Literal["ok", "failed", "refused"]
 Outcome = Literal["met", "unreliable", "refused"]
@@ -23,37 +20,107 @@ Outcome = Literal["met", "unreliable", "refused"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Assessment:
-    """Assessment of the error of a run for a tolerance.
+    """Assessment of the error of a run for a tolerance."""
+
+    # met; unreliable: runs that should agree do not; refused: the tolerance is out of reach
+    outcome: Outcome
+    tolerance: float  # a length; nan if it is relative and there is no motion
+    estimate: float  # of the error of the position at any time, the least that was reached
+    reason: str = ""  # why it is not met, in one line; empty if it is met
+    time: float | None = None  # where the motion is unreliable from
+    place: tuple[float, ...] | None = None
+    attempts: tuple[str, ...] = ()  # one line for every run
+
+
+@dataclass(frozen=True, kw_only=True)
+class NewtonRecord:
+    """Numbers of iterations of Newton."""
+
+    iterations: int = 0  # total number of iterations
+    largest: int = 0  # largest number of iterations in one step
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Diagnostics:
+    r"""Works and energies at the points of the mesh, ``(n,)`` each.
 
     Parameters
     ----------
-    outcome
-        ``met``; ``unreliable``: runs that should agree do not, or something may hide between their
-        points; ``refused``: the tolerance is out of reach.
-    tolerance
-        The requested tolerance, a length; nan if it is relative and there is no motion.
-    estimate
-        Estimated error of the position at any time, the least that was reached.
-    reason
-        Why it is not met, in one line; empty if it is met.
-    time, place
-        Where the motion is unreliable from; None otherwise.
-    attempts
-        One line for every run.
+    time
+        The points.
+    dissipated_work
+        :math:`W_d(t) = \int_0^t v \cdot \sum_j \mu_j D^{\gamma_j} q`, and what impacts take.
+    forcing_work
+        :math:`W_f(t) = \int_0^t v \cdot f`, less :math:`\int_0^t \partial_t L`.
+    energy_defect
+        :math:`E(t) - E(0) + W_d(t) - W_f(t)`.
+    stored_energy
+        Energy in the memory of the damping; None for methods without a sum of exponentials.
     """
 
-    outcome: Outcome
-    tolerance: float
-    estimate: float
-    reason: str = ""
-    time: float | None = None
-    place: tuple[float, ...] | None = None
-    attempts: tuple[str, ...] = ()
+    time: Array
+    dissipated_work: Array
+    forcing_work: Array
+    energy_defect: Array
+    stored_energy: Array | None = None
+
+    def at(self, kept: Places) -> Diagnostics:
+        """The diagnostics at some of the points."""
+        found: dict[str, Any] = {
+            name: None if values is None else values[kept] for name, values in vars(self).items()
+        }
+        return Diagnostics(**found)
+
+    def until(self, end: float) -> Diagnostics:
+        """Those of a run that ends between two points, where they are not known: nan."""
+        kept = np.flatnonzero(self.time < end)
+        found = self.at(np.append(kept, kept[-1:]))
+        for name, values in vars(found).items():
+            if values is not None:
+                values[-1] = end if name == "time" else math.nan
+        return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Extent:
+    """How large a quantity becomes in a run, at any time."""
+
+    peak: float  # largest absolute value, and when it is reached first
+    peak_time: float
+    least: float
+    greatest: float
+    rms: float  # root of the mean square over the run
+    error: float = math.nan  # estimated error of the peak; nan without a second run
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Occurrences:
+    """The times of an event."""
+
+    time: Array  # (n,), and positions and velocities then, (n, d)
+    position: Array
+    velocity: Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Observed:
+    """Outputs that were requested of a motion, by name."""
+
+    mesh: Array  # points of the steps, (n + 1,)
+    quantities: Mapping[str, Array] = field(default_factory=dict)  # at the reported times, (k,)
+    extents: Mapping[str, Extent] = field(default_factory=dict)  # between all times
+    events: Mapping[str, Occurrences] = field(default_factory=dict)
+    stopped_by: str = ""  # event or surface that ended the run, or empty
+
+    def __repr__(self) -> str:
+        """Names, with the number of occurrences of every event."""
+        events = ", ".join(f"{name} ({one.time.size})" for name, one in self.events.items())
+        return f"<Observed: quantities {', '.join(self.quantities) or '-'}; events {events or '-'}>"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
-    """A discrete solution on the reported points of a mesh (fewer when it stopped early).
+    """A discrete solution at the reported times (fewer when it stopped early).
 
     Where its steps were kept, ``trajectory(t)`` and ``trajectory.velocity(t)`` give position and
     velocity at any times.
@@ -61,8 +128,7 @@ class Trajectory:
     Parameters
     ----------
     time
-        t_k = k h, or the points of another mesh, shape ``(n,)``; n = N + 1 when ``status`` is
-        ``ok``.
+        t_k = k h, the points of another mesh, or the times of the output, shape ``(n,)``.
     position, momentum
         Shape ``(n, d)``; no momentum for methods that have none.
     energy
@@ -84,7 +150,7 @@ class Trajectory:
     every
         Only every n-th point of the grid is kept, with the first and the last.
     diagnostics
-        Works and energy balance on the same points; None unless requested.
+        Works and energy balance; None unless requested.
     steps
         All steps as polynomials on their own mesh, where they were kept.
     rejected
@@ -92,7 +158,9 @@ class Trajectory:
     assessment
         Assessment of its error, if it was made for a tolerance.
     observed
-        Quantities and events, if requested; then `time` are the times of the output.
+        Quantities and events, if requested.
+    on_mesh
+        The same run at the points of its mesh, where an output chose other times.
     coordinates
         Names of the coordinates; empty: they have none.
     """
@@ -117,6 +185,7 @@ class Trajectory:
     rejected: int = 0
     assessment: Assessment | None = None
     observed: Observed | None = None
+    on_mesh: Trajectory | None = None
     coordinates: tuple[str, ...] = ()
 
     @property
@@ -128,38 +197,6 @@ class Trajectory:
     def error_estimate(self) -> float:
         """Estimated error of the position at any time, a length; nan without a tolerance."""
         return math.nan if self.assessment is None else self.assessment.estimate
-
-    def __repr__(self) -> str:
-        """The trajectory in one line."""
-        return f"<{self._line()}>"
-
-    def to_dataframe(self) -> Any:
-        """A pandas DataFrame over the times: ``x1``, momenta ``p_x1``, energy and quantities.
-
-        Raises
-        ------
-        ImportError
-            If pandas is not installed.
-        """
-        return dataframe_of(self.time, self._columns())
-
-    def to_xarray(self) -> Any:
-        """An xarray Dataset along ``time`` and ``coordinate``: position, momentum and the others.
-
-        Raises
-        ------
-        ImportError
-            If xarray is not installed.
-        """
-        vectors = {"position": self.position, "momentum": self.momentum}
-        scalars = {"energy": self.energy, **self._quantities()}
-        return dataset_of(
-            self.time,
-            self._names(),
-            {name: one for name, one in vectors.items() if one is not None},
-            {name: one for name, one in scalars.items() if one is not None},
-            {"status": self.status, "n_steps": self.n_steps},
-        )
 
     def __call__(self, time: ArrayLike) -> Array:
         """Position at any times of the run, shape ``(...)`` to ``(..., d)``.
@@ -183,15 +220,52 @@ class Trajectory:
         """
         return self._kept_steps().velocity_at(time)
 
-    def _line(self) -> str:
+    def __repr__(self) -> str:
+        """The trajectory in one line."""
         points, d = self.position.shape
         end = f"{self.time[-1]:.6g}" if points else "-"
         detail = f": {self.message}" if self.message else ""
         count = len(self.remarks)
         remarks = f", {count} remark{'s' if count > 1 else ''}" if count else ""
         return (
-            f"Trajectory {self.status}{detail}, {points} points to t = {end}, {d} "
-            f"coordinate{'s' if d > 1 else ''}, {self.n_steps} steps{remarks}"
+            f"<Trajectory {self.status}{detail}, {points} points to t = {end}, {d} "
+            f"coordinate{'s' if d > 1 else ''}, {self.n_steps} steps{remarks}>"
+        )
+
+    def to_dataframe(self) -> Any:
+        """A pandas DataFrame over the times: ``x1``, momenta ``p_x1``, energy and quantities.
+
+        Raises
+        ------
+        ImportError
+            If pandas is not installed.
+        """
+        import pandas
+
+        names = self._names()
+        columns = {name: self.position[:, k] for k, name in enumerate(names)}
+        if self.momentum is not None:
+            columns |= {f"p_{name}": self.momentum[:, k] for k, name in enumerate(names)}
+        columns |= self._scalars()
+        return pandas.DataFrame(columns, index=pandas.Index(_clean(self.time), name="time"))
+
+    def to_xarray(self) -> Any:
+        """An xarray Dataset along ``time`` and ``coordinate``: position, momentum and the others.
+
+        Raises
+        ------
+        ImportError
+            If xarray is not installed.
+        """
+        import xarray
+
+        found = {"position": (("time", "coordinate"), self.position)}
+        if self.momentum is not None:
+            found["momentum"] = (("time", "coordinate"), self.momentum)
+        return xarray.Dataset(
+            {**found, **{name: ("time", values) for name, values in self._scalars().items()}},
+            coords={"time": _clean(self.time), "coordinate": list(self._names())},
+            attrs={"status": self.status, "n_steps": self.n_steps},
         )
 
     def _names(self) -> tuple[str, ...]:
@@ -201,18 +275,10 @@ class Trajectory:
             return self.coordinates
         return ("x",) if d == 1 else tuple(f"x{k}" for k in range(1, d + 1))
 
-    def _quantities(self) -> Mapping[str, Array]:
-        return {} if self.observed is None else self.observed.quantities
-
-    def _columns(self) -> dict[str, Array]:
-        """Values at the reported times, by name: ``x1``, ``p_x1``, ``energy``, quantities."""
-        names = self._names()
-        found = {name: self.position[:, k] for k, name in enumerate(names)}
-        if self.momentum is not None:
-            found |= {f"p_{name}": self.momentum[:, k] for k, name in enumerate(names)}
-        if self.energy is not None:
-            found["energy"] = self.energy
-        return {**found, **self._quantities()}
+    def _scalars(self) -> dict[str, Array]:
+        """Energy and quantities at the reported times."""
+        found = {} if self.energy is None else {"energy": self.energy}
+        return found if self.observed is None else {**found, **self.observed.quantities}
 
     def _kept_steps(self) -> RunSteps:
         if self.steps is None:
@@ -223,14 +289,17 @@ class Trajectory:
         return self.steps
 
 
+def _clean(time: Array) -> Array:
+    """Times without the round-off of k h: 0.3 in place of 0.30000000000000004."""
+    return np.array([float(f"{t:.15g}") for t in time.tolist()])
+
+
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:
     """Every n-th point of a whole trajectory, with the first and the last."""
     if every == 1:
         return trajectory
     last = trajectory.time.size - 1
-    kept = np.arange(0, last + 1, every)
-    if kept[-1] != last:
-        kept = np.append(kept, last)
+    kept = np.unique(np.append(np.arange(0, last + 1, every), last))
     momentum, energy = trajectory.momentum, trajectory.energy
     return replace(
         trajectory,

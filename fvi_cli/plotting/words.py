@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from fractions import Fraction
 
-from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.integrator.observe.dampers import damper_values
 from fvi_cli.reports.naming import key_in_words, key_label, with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun

@@ -17,7 +17,7 @@ import numpy as np
 
 import fvi_cli
 from fvi_cli.errors import ExecutorError
-from fvi_cli.integrator.members import batch_kind
+from fvi_cli.integrator.integrate import batch_kind
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.records.inputs import inputs_in, keep_numbers

@@ -22,7 +22,7 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.dampers import damper_values
+from fvi_cli.integrator.observe.dampers import damper_values
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import bound, derivatives, negative, terms_with
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem

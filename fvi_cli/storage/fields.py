@@ -16,10 +16,15 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.integrator.observations.request import Event, Impact
-from fvi_cli.integrator.results.diagnostics import Diagnostics, NewtonRecord
-from fvi_cli.integrator.results.observed import Extent, Observed, Occurrences
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.observe.request import Event, Impact
+from fvi_cli.integrator.trajectory import (
+    Diagnostics,
+    Extent,
+    NewtonRecord,
+    Observed,
+    Occurrences,
+    Trajectory,
+)
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.norms import Measured
@@ -76,8 +81,10 @@ def _counts(finished: FinishedRun) -> dict[str, Any] | None:
 
 
 def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
-    """Mesh points of a single run whose output times are others; else None."""
-    observed = finished.trajectory.observed
+    """Points of works and energies, or of a single run whose output times are others; or None."""
+    observed, diagnostics = finished.trajectory.observed, finished.trajectory.diagnostics
+    if diagnostics is not None:
+        return diagnostics.time
     if observed is None or finished.run.member is not None:
         return None
     return None if finished.run.experiment.observations.times is None else observed.mesh
@@ -98,12 +105,12 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("momentum", "momentum", _T + "momentum", (TIME, "dof")),
     Field("energy", "Hamiltonian without forcing", _T + "energy", (TIME,)),
     Field("dissipated_work", "work done against the damping since the start",
-          _D + "dissipated_work", (TIME,)),
-    Field("forcing_work", "work done by the forcing since the start", _D + "forcing_work", (TIME,)),
+          _D + "dissipated_work", (MESH,)),
+    Field("forcing_work", "work done by the forcing since the start", _D + "forcing_work", (MESH,)),
     Field("energy_defect",
           "energy less its start, plus dissipated work, less work of the forcing",
-          _D + "energy_defect", (TIME,)),
-    Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (TIME,)),
+          _D + "energy_defect", (MESH,)),
+    Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (MESH,)),
     Field(MESH, "points of the steps", _mesh, (MESH,)),
     Field("quantities/*", "quantity *", _O + "quantities.*", (TIME,)),
     Field("events/*/time", "time at the event *", _O + "events.*.time", (_EVENT,)),
@@ -264,6 +271,8 @@ def finished_of(
         if place is not None and value is not None:
             above, last, is_json = place
             objects.setdefault(above, {})[last] = _entries(value) if is_json else value
+    if (path := "trajectory.diagnostics") in objects:
+        objects[path]["time"] = arrays[MESH]
     if "stopped_by" in values:
         _observe(objects, values, arrays)
     # inner objects first

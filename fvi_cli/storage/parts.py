@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.scenes.records.inputs import inputs_in
 from fvi_cli.storage.columns import NewRows
-from fvi_cli.storage.fields import TIME, arrays_of, axes_of, values_of
+from fvi_cli.storage.fields import MESH, TIME, arrays_of, axes_of, values_of
 from fvi_cli.storage.groups import write_group
 from fvi_cli.storage.hdf5 import CREATOR, FORMAT, LIBVER, NewGroup, write_attributes
 from fvi_cli.storage.identity import (
@@ -168,8 +168,9 @@ def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool
     every = run.experiment.store_every
     # a trajectory with `every` was thinned while it was integrated
     if every > 1 and finished.trajectory.every == 1:
-        kept = _kept_points(arrays[TIME].size, every)
-        arrays = {n: one[kept] if axes_of(n)[0] == TIME else one for n, one in arrays.items()}
+        for name, one in arrays.items():
+            if axes_of(name)[0] in (TIME, MESH):
+                arrays[name] = one[_kept_points(len(one), every)]
     if run.member is None:
         return arrays, False
     grid = _grid(run.experiment, run.method, run.n_steps)

@@ -10,11 +10,10 @@ from typing import Any, Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
@@ -82,7 +81,7 @@ class Experiment:
     """The members of a sweep; empty: the experiment has one problem."""
     stability: StabilitySettings = USUAL
     """What ``fvi stability`` computes in addition to the verdicts on the runs."""
-    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS
+    diagnostics: bool = False
     """What is computed and stored with every trajectory."""
     observations: Observations = field(default_factory=Observations)
     """Times, quantities and events requested of every run."""
@@ -263,7 +262,7 @@ class Run(Subject):
         found = {"method": method, "n_steps": self.n_steps, "store_every": experiment.store_every}
         if experiment.grading != 1.0:
             found["grading"] = experiment.grading
-        if not experiment.diagnostics.is_empty:
+        if experiment.diagnostics:
             found["diagnostics"] = {"energy_balance": True}
         if experiment.accuracy is not None:
             found |= {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}

@@ -20,7 +20,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fvi_cli.integrator.observations.dampers import damper_values, deformation_of
+from fvi_cli.integrator.observe.dampers import damper_values, deformation_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 

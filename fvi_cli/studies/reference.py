@@ -11,7 +11,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.meshes.looks import is_steep
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory

@@ -10,11 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS
+from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.observe import integrate_requested
-from fvi_cli.integrator.observations.observer import Pair
 from fvi_cli.integrator.stability.prediction import (
     StabilityPrediction,
     predict_stability,
@@ -72,22 +70,22 @@ def execute_batch(
     }
     moving = [run for run in runs if run not in found]
     method, diagnostics = runs[0].method, runs[0].experiment.diagnostics
-    pairs = integrate_requested(
+    trajectories = integrate_members(
         [run.scene for run in moving],
         method,
         [run.steps for run in moving],
-        [run.observations for run in moving],
+        observe=[run.observations for run in moving],
         every=_thinning(runs[0]),
-        diagnostics=diagnostics if isinstance(method, Method) else NO_DIAGNOSTICS,
+        diagnostics=diagnostics and isinstance(method, Method),
     )
-    found |= zip(moving, pairs, strict=True)
+    found |= zip(moving, trajectories, strict=True)
     return [
         assessed(run, found[run], prediction_of(run), reference or reference_of(run))
         for run, reference in zip(runs, references or [None] * len(runs), strict=True)
     ]
 
 
-def _differentiate(problem: DerivativeProblem, run: Run) -> Pair:
+def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
     """Convolution quadrature of the known function on the grid."""
     method = run.method
     if not isinstance(method, Method) or method.is_runge_kutta:
@@ -96,7 +94,7 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Pair:
     grid = h * np.arange(run.n_steps + 1, dtype=float)
     began = time.perf_counter()
     values = left_operator(method.bdf_order, problem.order, h, problem.function(grid))
-    derivative = Trajectory(
+    return Trajectory(
         time=grid,
         position=values,
         n_steps=run.n_steps,
@@ -104,7 +102,6 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Pair:
         history_operations=values.size * (run.n_steps + 2) // 2,
         stepping_seconds=time.perf_counter() - began,
     )
-    return derivative, derivative
 
 
 def _thinning(run: Run) -> int:
@@ -126,10 +123,10 @@ def prediction_of(run: Run) -> StabilityPrediction:
 
 
 def assessed(
-    run: Run, found: Pair, prediction: StabilityPrediction, reference: Reference
+    run: Run, found: Trajectory, prediction: StabilityPrediction, reference: Reference
 ) -> FinishedRun:
     """The run with its error against `reference` on its mesh, and with remarks on it."""
-    trajectory, reported = found
+    trajectory = found.on_mesh or found
     exact = reference.at(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     spacing = point_weights(
@@ -147,8 +144,8 @@ def assessed(
     return FinishedRun(
         run=run,
         trajectory=replace(
-            reported,
-            steps=None,
+            found,
+            on_mesh=None,
             remarks=(
                 *_remarks(run, trajectory, prediction),
                 *_unknown_error(reference),

@@ -80,16 +80,6 @@ def test_adaptive_steps_and_tolerances_do_as_well():
     assert np.abs(ours.position[-1] - known.position[-1]).max() < 1e-7
 
 
-def test_a_shared_object_makes_a_batch_and_others_do_not_mix():
-    shared = Bond()
-    places = [[x, -0.4] for x in np.linspace(0.1, 0.9, 12)]
-    scenes = [own(potential=shared, initial_position=one) for one in places]
-    scenes += [own(depth, initial_position=places[3]) for depth in (1.0, 3.0)]
-    for scene, run in zip(scenes, fvi.integrate_members(scenes, "gauss3", 40), strict=True):
-        alone = fvi.integrate(scene, "gauss3", 40)
-        assert np.abs(run.position - alone.position).max() < 1e-13
-
-
 def test_laws_add_their_relaxed_stiffness():
     law = fvi.fractional_zener(
         order=0.5, time=0.3, relaxed=1.5, unrelaxed=4.0, coefficient=np.eye(2)
@@ -126,27 +116,6 @@ def test_gradients_by_numbers_of_the_scene_and_of_the_object():
 def test_functions_that_do_not_fit_are_refused(potential, words):
     with pytest.raises(ValueError, match=words):
         own(potential=potential)
-
-
-def test_a_motion_into_what_is_not_defined_fails():
-    class Wall:
-        def energy(self, position):
-            return np.sqrt(1 - position[..., 0])
-
-        def gradient(self, position):
-            return -0.5 / np.sqrt(1 - position)
-
-        def hessian(self, position):
-            return -0.25 * (1 - position[..., None]) ** -1.5
-
-    scene = fvi.Scene(
-        inertia=fvi.Inertia(mass=1.0),
-        potential=Wall(),
-        initial_position=0.0,
-        initial_velocity=1.0,
-        final_time=5.0,
-    )
-    assert fvi.integrate(scene, "gauss3", 50).status != "ok"
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -1,6 +1,6 @@
 """Works and energy balance: exact where promised, of the method's order elsewhere.
 
-With ``NO_DIAGNOSTICS`` asked nothing of it is computed.
+With none nothing of it is computed.
 """
 
 import dataclasses
@@ -12,11 +12,10 @@ from oracles.linear_response import match_scene
 from spread import spread
 from written_out import every_lag_written_out
 
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run import scenes_run
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.scenes.records.inputs import keep_numbers
 from fvi_cli.scenes.registry import build_problem
 
@@ -91,7 +90,7 @@ def pendulum():
 
 
 def diagnosed(scene, method, n_steps):
-    asked = DiagnosticsRequest(energy_balance=True)
+    asked = True
     return integrate(scene, method, n_steps, diagnostics=asked).diagnostics
 
 
@@ -178,9 +177,7 @@ def test_a_graded_start_takes_the_forcing_as_the_scheme_does():
         initial={"position": [0.1, 0.0], "velocity": 0.0},
         final_time=8.0,
     )
-    trajectory = integrate(
-        scene, GAUSS3_GRADED, 600, diagnostics=DiagnosticsRequest(energy_balance=True)
-    )
+    trajectory = integrate(scene, GAUSS3_GRADED, 600, diagnostics=True)
     found = trajectory.diagnostics
     assert np.abs(found.energy_defect).max() < 1e-9
     assert found.forcing_work[-1] > 0.05
@@ -206,7 +203,7 @@ def test_works_are_those_of_the_exact_motion(order):
         pulled[0] + pulled[-1] + 4 * pulled[1:-1:2].sum() + 2 * pulled[2:-1:2].sum()
     )
     exact_work = position[-1] * 1.6 - simpson
-    asked = DiagnosticsRequest(energy_balance=True)
+    asked = True
     trajectory = integrate(problem.scene, GAUSS3_GRADED, 256, diagnostics=asked)
     found = trajectory.diagnostics
     assert found.forcing_work[-1] == pytest.approx(exact_work, abs=1e-9)
@@ -223,26 +220,24 @@ def test_only_what_is_asked_for_is_computed(monkeypatch):
         original = getattr(owner, name)
         monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or original(*a, **k))
 
-    count(scenes_run, "diagnose_run")
+    count(scenes_run, "diagnose")
     count(RunSteps, "__init__")
     scene = kepler(0.05)
     for method, made in (
-        (GAUSS2, ["__init__", "diagnose_run"]),
-        (POINTS, ["__init__", "diagnose_run"]),
+        (GAUSS2, ["__init__", "diagnose"]),
+        (POINTS, ["__init__", "diagnose"]),
     ):
         calls.clear()
         assert integrate(scene, method, 64).diagnostics is None
-        assert integrate(scene, method, 64, diagnostics=NO_DIAGNOSTICS).diagnostics is None
+        assert integrate(scene, method, 64, diagnostics=False).diagnostics is None
         assert not calls
-        found = integrate(
-            scene, method, 64, diagnostics=DiagnosticsRequest(energy_balance=True)
-        ).diagnostics
+        found = integrate(scene, method, 64, diagnostics=True).diagnostics
         assert calls == made
         assert found.energy_defect is not None
 
 
 def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
-    scene, asked = oscillator(0.5), DiagnosticsRequest(energy_balance=True)
+    scene, asked = oscillator(0.5), True
     plain = integrate(scene, GAUSS3_GRADED, 256)
     with_more = integrate(scene, GAUSS3_GRADED, 256, diagnostics=asked)
     assert np.abs(plain.position - with_more.position).max() < 1e-13
@@ -252,7 +247,7 @@ def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
 
 
 def works(scene, method, n_steps):
-    found = integrate(scene, method, n_steps, diagnostics=DiagnosticsRequest(energy_balance=True))
+    found = integrate(scene, method, n_steps, diagnostics=True)
     return found, np.stack(
         [
             found.diagnostics.dissipated_work,
@@ -286,9 +281,7 @@ def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
 def test_asking_for_a_balance_does_the_same_steps():
     for method in (GAUSS2, NODES, POINTS):
         for scene in (oscillator(0.5), two_masses(), pendulum(), kepler(0.0)):
-            asked = integrate(
-                scene, method, 200, diagnostics=DiagnosticsRequest(energy_balance=True)
-            )
+            asked = integrate(scene, method, 200, diagnostics=True)
             alone = integrate(scene, method, 200)
             assert asked.history_operations == alone.history_operations
             assert asked.newton.iterations == alone.newton.iterations
@@ -303,9 +296,7 @@ def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slo
     scene = spring((0.6, 0.7), T=2.0, x=1.0, v=0.5, derivative=derivative)
     defects = []
     for n_steps in (64, 128):
-        found = integrate(
-            scene, method, n_steps, diagnostics=DiagnosticsRequest(energy_balance=True)
-        )
+        found = integrate(scene, method, n_steps, diagnostics=True)
         defects.append(abs(found.diagnostics.energy_defect[-1]))
     if slope is None:
         assert max(defects) < 1e-12

@@ -9,7 +9,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.steps import RunSteps
 
 SCENE = spring((0.5, 0.7), T=8.0, k=2.0, x=1.0, v=0.5)
 STEPS = {

@@ -227,12 +227,3 @@ def test_no_drift_at_a_million_weights(kind, order, bdf_order):
                 binomial *= (n - j) / (n - j - 1 - exponent)
             exact = mp.ldexp(total, -BITS)
             assert abs(weights[n] / exact - 1) < rounding(bdf_order, order)
-
-
-@spread(n_weights=[1, 2, 23, 24, 25, 26, 1023, 1024, 1025, 1026], bdf_order=[1, 3, 6])
-def test_fewer_weights_are_the_first_ones(n_weights, bdf_order):
-    for weights in WEIGHTS.values():
-        all_of_them = weights(bdf_order, 0.7, 2000)
-        few = weights(bdf_order, 0.7, n_weights)
-        assert few.shape == (n_weights,)
-        np.testing.assert_allclose(few, all_of_them[:n_weights], rtol=5e-14, atol=1e-18)

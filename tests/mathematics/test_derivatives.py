@@ -71,12 +71,6 @@ def test_equal_parts_are_computed_once():
     assert both.outputs[0] == both.outputs[1]
 
 
-def test_nothing_is_added_to_what_is_zero():
-    program = derivatives(system("x*y + sin(y) - cos(y)"), [{"x": 1.0}])
-    assert [str(kind) for kind, *_ in program.instructions].count("+") == 1
-    assert [str(kind) for kind, *_ in program.instructions].count("-") == 1
-
-
 @pytest.mark.parametrize(
     ("text", "number"),
     [

@@ -1,12 +1,5 @@
-"""Runge-Kutta tableaux, their symbol, and the weights that other tests sum up with.
+"""Runge-Kutta tableaux, their symbol, and the weights that other tests sum up with."""
 
-References are computed with mpmath from tableaux made there in 50 digits, weights by Cauchy's
-integral over a circle.
-"""
-
-from functools import cache
-
-import mpmath as mp
 import numpy as np
 import pytest
 from runge_kutta_symbol import at_infinity, symbol, symbol_power, tableau
@@ -17,63 +10,6 @@ METHODS = [
     *[("gauss", m) for m in (1, 2, 3, 4)],
     *[("lobatto-iiic", m) for m in (2, 3, 4)],
 ]
-# --- reference arithmetic ----------------------------------------------------------------------
-
-
-@cache
-def reference_tableau(name: str, m: int) -> tuple[mp.matrix, mp.matrix, mp.matrix]:
-    """A, b (column), c (column) in 50 digits, from the definitions."""
-    with mp.workdps(60):
-
-        def node_polynomial(c):
-            t = 2 * c - 1
-            if name == "gauss":
-                return mp.legendre(m, t)
-            # (1 - t^2) P'_{m-1} up to a factor
-            return mp.legendre(m, t) - mp.legendre(m - 2, t)
-
-        guesses = tableau(name, m).c
-        # The end points are roots; a search that starts on them has nothing to do.
-        c = mp.matrix(
-            [
-                mp.mpf(float(g))
-                if g in (0.0, 1.0)
-                else mp.findroot(node_polynomial, (float(g), float(g) * (1 + 1e-6)))
-                for g in guesses
-            ]
-        )
-        powers = mp.matrix(m, m)
-        integrals = mp.matrix(m, m)
-        moments = mp.matrix(1, m)
-        for k in range(m):
-            moments[k] = mp.mpf(1) / (k + 1)
-            for i in range(m):
-                powers[i, k] = c[i] ** k
-                integrals[i, k] = c[i] ** (k + 1) / (k + 1)
-        b = moments * powers**-1
-        if name == "lobatto-iiic":
-            for i in range(m):
-                powers[i, m - 1] = mp.mpf(i == 0)
-                integrals[i, m - 1] = b[0]
-        return integrals * powers**-1, b.T, c
-
-
-def to_array(matrix: mp.matrix) -> np.ndarray:
-    return np.array(
-        [[float(mp.re(matrix[i, j])) for j in range(matrix.cols)] for i in range(matrix.rows)]
-    )
-
-
-# --- tableaux ----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("name", "m"), [*METHODS, *[(n, m) for n in FAMILIES for m in (5, 7, 10)]])
-def test_tableaux_agree_with_fifty_digits(name, m):
-    A, b, c = reference_tableau(name, m)
-    made = tableau(name, m)
-    assert np.abs(made.A - to_array(A)).max() < 1e-15
-    assert np.abs(made.b - to_array(b)[:, 0]).max() < 1e-15
-    assert np.abs(made.c - to_array(c)[:, 0]).max() < 1e-15
 
 
 def test_tableaux_printed_in_hairer_and_wanner():
@@ -125,9 +61,6 @@ def test_all_tableaux_fulfil_what_they_claim(name):
             assert defects(method, 1e-12)[1][0] > 5e-13
 
 
-# --- symbol ---------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(("name", "m"), METHODS)
 def test_symbol_is_the_inverse_of_its_definition(name, m):
     method = tableau(name, m)
@@ -154,9 +87,6 @@ def test_symbol_power_where_two_eigenvalues_meet():
     values, vectors = np.linalg.eig(delta)
     naive = vectors @ np.diag(values**0.5) @ np.linalg.inv(vectors)
     assert np.abs(naive @ naive - delta).max() > 1e-11
-
-
-# --- weights, as the tests write them out ------------------------------------------------------
 
 
 def test_weights_printed_for_lobatto_iiic():

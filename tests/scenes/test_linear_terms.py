@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -14,7 +13,7 @@ from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 GAUSS = Method(cq="gauss", degree=3)
 NODES = Method(cq="bdf2", degree=1, sampling="nodes")
-BALANCE = DiagnosticsRequest(energy_balance=True)
+BALANCE = True
 
 
 @dataclasses.dataclass(frozen=True)

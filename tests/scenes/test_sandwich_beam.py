@@ -5,7 +5,6 @@ import pytest
 from oracles.sandwich_beam import beam_matrices, sandwich_beam
 from scipy.sparse.linalg import eigsh
 
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.matrices import as_csc, is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -60,7 +59,7 @@ def test_the_scene_is_sparse_and_loses_energy_in_every_step():
     assert scene.dimension == 48
     assert is_sparse(scene.inertia.form)
     method = Method(cq="gauss", degree=2, start="graded")
-    found = integrate(scene, method, 60, diagnostics=DiagnosticsRequest(energy_balance=True))
+    found = integrate(scene, method, 60, diagnostics=True)
     assert found.diagnostics.stored_energy is not None
     total = found.energy + found.diagnostics.stored_energy
     assert np.diff(total).max() < 1e-12 * total[0]

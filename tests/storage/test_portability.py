@@ -37,7 +37,7 @@ os.open = no_folders
 import multiprocessing.context
 del multiprocessing.context.ForkServerContext
 import fvi_cli
-import fvi_cli.runner.executors.processes
+import fvi_cli.runner.executor
 loaded = fvi_cli.load("portable.yaml")
 for _ in range(2):
     (outcome,) = fvi_cli.run(loaded, output="results")

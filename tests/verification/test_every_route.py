@@ -16,10 +16,8 @@ from drawn_scenes import GENERAL, KINDS, LAWS, LINEAR, STRUCTURES, scene_of, sha
 from spread import spread
 from written_out import every_lag_written_out, integrate_written_out
 
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import batch_kind, integrate_batch, integrate_members
+from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
@@ -207,7 +205,7 @@ def check_thinned(case: Case) -> None:
 
 
 def check_watched(case: Case) -> None:
-    asked = DiagnosticsRequest(energy_balance=case.method.is_runge_kutta)
+    asked = case.method.is_runge_kutta
     options = {"diagnostics": asked, "with_steps": case.method.is_runge_kutta}
     check_identical(case.usual, integrate(case.scene, case.method, case.n_steps, **options))
 

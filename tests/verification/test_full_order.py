@@ -12,8 +12,7 @@ from spread import spread
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.integrate import integrate, integrate_members
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.problem import Problem

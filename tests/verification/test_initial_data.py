@@ -10,8 +10,7 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.integrate import integrate, integrate_members
 from fvi_cli.integrator.method import Baseline, Method
 
 METHODS = [

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observations.request import Direction
+from fvi_cli.integrator.observe.request import Direction
 from fvi_cli.keys.containers import ListOf, Named
 from fvi_cli.keys.cursor import INVALID, Cursor, is_complete
 from fvi_cli.keys.nodes import ListNode

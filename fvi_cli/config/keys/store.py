@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated, Final
 
 from fvi_cli.config.keys.ladder import MOST_STEPS
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.keys.containers import ListOf
 from fvi_cli.keys.cursor import Cursor
 from fvi_cli.keys.scalars import Choice, Integer
@@ -28,19 +27,19 @@ class StoreKeys(Setting):
         default=None,
     )
 
-    def request(self, problem: AnyProblem, at: Cursor) -> DiagnosticsRequest:
+    def request(self, problem: AnyProblem, at: Cursor) -> bool:
         """The diagnostics of a problem; `at` is the cursor at the experiment."""
         wanted, place = self.diagnostics or (), ("store", "diagnostics")
         if not wanted:
-            return NO_DIAGNOSTICS
+            return False
         if not isinstance(problem, Problem):
             at.refuse(f"not for kind {problem.kind}, which has no motion", *place)
-            return NO_DIAGNOSTICS
+            return False
         if problem.scene.prescribed is not None:
             at.refuse(f"not for kind {problem.kind}, whose motion is given", *place)
-            return NO_DIAGNOSTICS
+            return False
         if at.has("sweep") or at.has("designs"):
             at.refuse(
                 "not together with sweep or designs; give each member its own experiment", *place
             )
-        return DiagnosticsRequest(energy_balance=True)
+        return True

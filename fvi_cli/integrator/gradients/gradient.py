@@ -14,9 +14,9 @@ from fvi_cli.integrator.gradients.parameters import Parameter, disturbance, obje
 from fvi_cli.integrator.gradients.quantity import Formula, MotionAt, Quantity
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.request import Observations, names_of
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.observe.request import Observations, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 

@@ -33,7 +33,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.damping_along import PIECE, DampingAlong, pieces_of_equal_steps
+from fvi_cli.integrator.balances import PIECE, DampingAlong, pieces_of_equal_steps
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.frame import Frame, unit_tables
 from fvi_cli.integrator.engine.law import StepLaw, law_of
@@ -44,7 +44,7 @@ from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponenti
 from fvi_cli.integrator.memory.interface import Combination
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Slope, Term
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 

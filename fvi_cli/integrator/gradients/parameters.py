@@ -28,10 +28,10 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.balance import loads_along
+from fvi_cli.integrator.balances import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, damped
 from fvi_cli.integrator.loads import StepLoads
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array, ComplexArray

@@ -31,7 +31,7 @@ from fvi_cli.integrator.gradients.parameters import (
     rate_of_forcing,
     rate_of_remainder,
 )
-from fvi_cli.integrator.observations.dampers import (
+from fvi_cli.integrator.observe.dampers import (
     TOGETHER,
     DamperForce,
     damper_alone,
@@ -39,10 +39,10 @@ from fvi_cli.integrator.observations.dampers import (
     dampers_of,
     forces_along,
 )
-from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.observer import Observer
-from fvi_cli.integrator.observations.request import Observations, known_names
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.observe.motion import Motion
+from fvi_cli.integrator.observe.observer import Observer
+from fvi_cli.integrator.observe.request import Observations, known_names
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -265,12 +265,12 @@ class Formula:
         kinds = {prefix for name, (prefix, _) in names.derived.items() if name in used}
         force = damped(run.plain_forces, run.coefficients) if kinds & {"a", "d"} else None
 
-        def forces(place: int | None) -> Sequence[Array | None]:
+        def forces(place: int | None) -> Sequence[Array]:
             if place is None:
-                return (None if force is None else force[None],)
+                return [np.zeros_like(run.steps.velocity) if force is None else force]
             return forces_along([scene], run.method, [run.steps], place)
 
-        self._motion = DenseMotion(scenes=(scene,), steps=(run.steps,), find_forces=forces)
+        self._motion = Motion([scene], [run.steps], forces)
         self._places = places = self._motion.located(0, times)
         self._at = MotionAt(run.steps, places)
         observer = Observer(self._motion, [names])
@@ -433,9 +433,7 @@ def _row(damper: DamperForce, matrix: Array, share: _Share) -> Array:
     return row if damper.factored is None else np.asarray(row @ damper.factored.rows)
 
 
-def _through_accelerations(
-    motion: DenseMotion, places: tuple[Places, Array], weights: Array
-) -> Array:
+def _through_accelerations(motion: Motion, places: tuple[Places, Array], weights: Array) -> Array:
     """Derivatives of ``sum(weights * a)`` by position, velocity and force, ``(3, n, d)``."""
     scene: Scene = motion.scenes[0]
     lagrangian, time = scene.lagrangian, motion.time(*places)

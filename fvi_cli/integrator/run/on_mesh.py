@@ -8,7 +8,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fvi_cli.effects.diagnostics_request import NO_DIAGNOSTICS, DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps
@@ -150,7 +149,7 @@ def integrate_scenes(
     steps: Mesh | AdaptiveSteps,
     *,
     every: int = 1,
-    diagnostics: DiagnosticsRequest = NO_DIAGNOSTICS,
+    diagnostics: bool = False,
     with_steps: bool = False,
     most: int | None = None,
     engine: Engine | None = None,
@@ -170,7 +169,7 @@ def integrate_scenes(
         If there is no room for the points that are kept.
     """
     began, first = clock.perf_counter(), scenes[0]
-    keeps = with_steps or not diagnostics.is_empty or has_rough_momenta(first, method)
+    keeps = with_steps or diagnostics or has_rough_momenta(first, method)
     if isinstance(steps, Mesh):
         _check_mesh(steps, first)
         # a run without memory for its points fails here: later, a library may end the process

@@ -9,8 +9,6 @@ import numpy as np
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, no_unique_solution
-from fvi_cli.integrator.results.diagnostics import NewtonRecord
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.points import (
     Points,
     Solved,
@@ -19,6 +17,8 @@ from fvi_cli.integrator.run.points import (
     step_failure,
     velocities_of,
 )
+from fvi_cli.integrator.steps import RunSteps
+from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array
 
 WAITING = 256

@@ -7,20 +7,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.balance import diagnose_run
+from fvi_cli.integrator.balances import diagnose
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.results.diagnostics import Diagnostics
-from fvi_cli.integrator.results.run_steps import RunSteps
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import run
 from fvi_cli.integrator.run.points import Source
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.steps import RunSteps
+from fvi_cli.integrator.trajectory import Diagnostics, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 
@@ -63,7 +61,7 @@ def trajectory_of(
     this: ScenesRun,
     index: int,
     every: int,
-    diagnostics: DiagnosticsRequest,
+    diagnostics: bool,
     *,
     with_steps: bool,
     seconds: tuple[float, float],
@@ -96,8 +94,8 @@ def trajectory_of(
             )
         time, position, momentum = time[:end], position[:end], momentum[:end]
     found = None
-    if steps is not None and not diagnostics.is_empty and steps.n_steps:
-        found = _diagnostics(this, index, steps, diagnostics).at(np.searchsorted(steps.time, time))
+    if steps is not None and diagnostics and steps.n_steps:
+        found = _diagnostics(this, index, steps).at(np.searchsorted(steps.time, time))
     if n_steps is None and this.mesh is not None:
         n_steps = this.mesh.n_reported
     elif n_steps is None:
@@ -162,15 +160,13 @@ def _energies(
     return energy[:first], first, Failure(words, "irregular", time=at)
 
 
-def _diagnostics(
-    this: ScenesRun, index: int, steps: RunSteps, request: DiagnosticsRequest
-) -> Diagnostics:
+def _diagnostics(this: ScenesRun, index: int, steps: RunSteps) -> Diagnostics:
     """The diagnostics on all points of the mesh."""
     engine = this.engine
     scene, loads = engine.scenes[index], engine.loads_of[index]
     mesh = this.mesh or steps.mesh(scene.break_points)
     with np.errstate(all="ignore"):
-        return diagnose_run(scene, engine.method, mesh, steps, loads, request)
+        return diagnose(scene, engine.method, mesh, steps, loads)
 
 
 def memory_operations(engine: Engine, n_steps: int) -> int:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.results.observed import Occurrences
+from fvi_cli.integrator.trajectory import Occurrences
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.ladders.convergence import members_title

@@ -9,8 +9,7 @@ from dataclasses import replace
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.results.diagnostics import Diagnostics
-from fvi_cli.integrator.results.observed import Extent, Observed
+from fvi_cli.integrator.trajectory import Diagnostics, Extent, Observed
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.curves import Curve, Panel
 from fvi_cli.plotting.ladders.convergence import bar_of, member_curve, members_title
@@ -156,9 +155,10 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     """
     shown = select_runs(finished, has_balance)
     best = most_accurate(shown)
-    energy, found = best.trajectory.energy, _diagnostics(best)
-    if energy is None or found.dissipated_work is None or found.forcing_work is None:
-        raise ValueError("balance: the run has no energy")  # pragma: no cover - chosen above
+    found, scene = _diagnostics(best), best.run.scene
+    position, velocity = scene.initial_position, scene.initial_velocity
+    start = scene.energy(position, scene.momentum(position, velocity, 0.0), 0.0)
+    energy = start + found.energy_defect - found.dissipated_work + found.forcing_work
     parts = {"energy $E$": energy, "work on dampers $W_d$": found.dissipated_work}
     together = "$E + W_d$"
     if np.any(found.forcing_work):
@@ -167,7 +167,8 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     if found.stored_energy is not None and np.any(found.stored_energy):
         parts["stored part $E_s$ of $W_d$"] = found.stored_energy
     parts[together] = energy + found.dissipated_work - found.forcing_work
-    defects = [np.abs(_defect(item)) for item in shown]
+    defects = [np.abs(_diagnostics(item).energy_defect) for item in shown]
+    times = [_diagnostics(item).time for item in shown]
     scale = max(float(max(np.abs(values).max() for values in parts.values())), 1e-300)
     dashes = [*LINE_STYLES[:3], *LINE_STYLES[4:]]
     curves = []
@@ -175,14 +176,18 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         look = Look(colour=COLOURS[index % len(COLOURS)], dashes=dashes[index % len(dashes)])
         if index == len(parts) - 1:
             look = Look(colour=INK, dashes=LINE_STYLES[3], width=1.6)
-        curves.append(Curve(x=best.trajectory.time, y=values, label=label, look=look))
+        curves.append(Curve(x=found.time, y=values, label=label, look=look))
     rounding = _EPSILON * scale * math.sqrt(best.run.n_steps)
     upper = with_unit("energy, work", experiment.units, "energy")
     lower = with_unit(f"defect $|{together.strip('$')} - E_0|$", experiment.units, "energy")
     panels = [
         Panel(y=upper, curves=curves, height=1.7),
         Panel(
-            y=lower, curves=run_curves(shown, defects), height=1.2, is_log=True, rounding=rounding
+            y=lower,
+            curves=run_curves(shown, defects, times=times),
+            height=1.2,
+            is_log=True,
+            rounding=rounding,
         ),
     ]
     return _figure(experiment, [best], panels)
@@ -239,6 +244,7 @@ def run_curves(
     *,
     exact: tuple[Array, Array] | None = None,
     floors: Sequence[float] = (),
+    times: Sequence[Array] = (),
 ) -> list[Curve]:
     """Curves over time: first the exact one if it is given, then a column for every run."""
     names = method_looks([item.run.method for item in shown])
@@ -246,7 +252,7 @@ def run_curves(
     for index, (item, values) in enumerate(zip(shown, columns, strict=True)):
         own = names[item.run.method.case]
         floor = floors[index] if floors and math.isfinite(floors[index]) else 0.0
-        time = item.trajectory.time
+        time = times[index] if times else item.trajectory.time
         curves.append(Curve(x=time, y=values, label=own.label, look=own.look, floor=floor))
     return curves
 
@@ -267,7 +273,7 @@ def has_momentum(item: FinishedRun) -> bool:
 
 def has_balance(item: FinishedRun) -> bool:
     """Whether a run was stored with its energy balance."""
-    return _diagnostics(item).energy_defect is not None
+    return item.trajectory.diagnostics is not None
 
 
 def has_quantities(item: FinishedRun) -> bool:
@@ -283,12 +289,9 @@ def observed_of(item: FinishedRun) -> Observed:
 
 def _diagnostics(item: FinishedRun) -> Diagnostics:
     found = item.trajectory.diagnostics
-    return Diagnostics() if found is None else found
-
-
-def _defect(item: FinishedRun) -> Array:
-    found = _diagnostics(item).energy_defect
-    return np.zeros(0) if found is None else found
+    if found is None:  # pragma: no cover - runs with a balance are chosen
+        raise ValueError("balance: the run has no energy")
+    return found
 
 
 def select_runs(

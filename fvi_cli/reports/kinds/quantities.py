@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fvi_cli.integrator.results.observed import Extent, Observed
+from fvi_cli.integrator.trajectory import Extent, Observed
 from fvi_cli.reports.document import Block, CodeSpan, Heading, Paragraph
 from fvi_cli.reports.kinds.designs import CLOSE, GOOD, design_blocks, design_sheet
 from fvi_cli.reports.kinds.ensembles import ensemble_sheet

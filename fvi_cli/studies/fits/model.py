@@ -13,8 +13,8 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.gradients.parameters import Described, parameter_of
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
-from fvi_cli.integrator.observations.dampers import damper_values
-from fvi_cli.integrator.observations.request import Observations, known_names
+from fvi_cli.integrator.observe.dampers import damper_values
+from fvi_cli.integrator.observe.request import Observations, known_names
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.registry import build_problem, build_scene

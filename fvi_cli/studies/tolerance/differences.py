@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 

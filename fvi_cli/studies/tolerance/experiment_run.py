@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.integrate import integrate, integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.observe import integrate_requested, observe_members
+from fvi_cli.integrator.observe.observer import observe_runs
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
@@ -60,7 +60,7 @@ def run_for_tolerance(
         )
     floor = 100 * EPSILON * unit * float(np.abs(trajectory.position).max())
     status: Observed = "floor" if error < floor else "ok"
-    trajectory = replace(trajectory, assessment=known, steps=None)
+    trajectory = replace(trajectory, assessment=known, steps=None, on_mesh=None)
     if known.outcome != "met":
         reason = "unreliable: " * (known.outcome == "unreliable") + known.reason
         trajectory, status = replace(trajectory, status="refused", message=reason), "refused"
@@ -84,7 +84,7 @@ def run_for_tolerance(
 def _diagnosed(run: Run, found: Trajectory) -> Trajectory:
     """The run; if diagnostics are requested it is computed again on its own mesh, with them."""
     request = run.experiment.diagnostics
-    if request.is_empty or found.status != "ok" or not isinstance(run.method, Method):
+    if not request or found.status != "ok" or not isinstance(run.method, Method):
         return found
     again = integrate(
         run.scene,
@@ -100,14 +100,10 @@ def _observed(run: Run, found: Trajectory) -> Trajectory:
     """The run at the requested times, with its quantities and events."""
     request, diagnostics = run.observations, run.experiment.diagnostics
     if found.steps is not None:
-        ((_, reported),) = observe_members([run.scene], run.method, [found], [request])
+        (reported,) = observe_runs([run.scene], run.method, [found], [request])
         return reported
-    ((_, reported),) = integrate_requested(
-        [run.scene],
-        run.method,
-        [run.n_steps],
-        [request],
-        diagnostics=diagnostics,
+    (reported,) = integrate_members(
+        [run.scene], run.method, run.n_steps, observe=[request], diagnostics=diagnostics
     )
     return reported
 
@@ -126,7 +122,7 @@ def _with_errors(
     times = np.unique(reported.time)
     request = replace(run.observations, times=times, output=None, events={}, impacts={})
     method = gauss(run.scene, other.steps.tables.degree)
-    ((_, there),) = observe_members([run.scene], method, [other], [request])
+    (there,) = observe_runs([run.scene], method, [other], [request])
     if there.observed is None:  # pragma: no cover - it was asked for
         return reported
     at, extents = np.searchsorted(times, reported.time), {}

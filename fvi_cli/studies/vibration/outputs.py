@@ -15,13 +15,13 @@ import numpy as np
 
 from fvi_cli.effects.directions import linear_form
 from fvi_cli.effects.matrices import times
-from fvi_cli.integrator.observations.dampers import (
+from fvi_cli.integrator.observe.dampers import (
     DamperForce,
     damper_values,
     dampers_of,
     deformation_rows,
 )
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.algebra.builder import bound
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.expressions import Expression

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.integrator.balances.balance import loads_along
+from fvi_cli.integrator.balances import loads_along
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Method

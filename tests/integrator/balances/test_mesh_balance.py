@@ -8,7 +8,6 @@ from letters import spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -18,7 +17,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
 
 Array = np.ndarray
-ASKED = DiagnosticsRequest(energy_balance=True)
+ASKED = True
 
 
 def mesh_times(rng: np.random.Generator, kind: str, final_time: float, n: int) -> Array:

@@ -16,8 +16,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import solve_implicit
 from fvi_cli.integrator.engine.newton import Newton
 from fvi_cli.integrator.failure import StepFailedError
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.members import integrate_batch
+from fvi_cli.integrator.integrate import integrate, integrate_batch
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 

@@ -19,7 +19,7 @@ from fvi_cli.integrator.gradients.parameters import entries_of
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.request import names_of
+from fvi_cli.integrator.observe.request import names_of
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 

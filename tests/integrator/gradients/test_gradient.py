@@ -27,10 +27,10 @@ from fvi_cli.integrator.gradients.quantity import (
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.dampers import forces_along
-from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.observer import Observer
-from fvi_cli.integrator.observations.request import Observations, names_of
+from fvi_cli.integrator.observe.dampers import forces_along
+from fvi_cli.integrator.observe.motion import Motion
+from fvi_cli.integrator.observe.observer import Observer
+from fvi_cli.integrator.observe.request import Observations, names_of
 from fvi_cli.scenes.data import duffing, kepler
 
 GAUSS3, GAUSS8 = (Method(cq="gauss", degree=m, start="none") for m in (3, 8))
@@ -179,7 +179,7 @@ def test_expressions_against_central_differences(name, monkeypatch):
         # damping forces by the engine, which the adjoint has from its own memory
         done = run_steps(beside, GAUSS3, steps)
         forces = partial(forces_along, [beside], GAUSS3, [done])
-        motion = DenseMotion(scenes=(beside,), steps=(done,), find_forces=forces)
+        motion = Motion([beside], [done], forces)
         asked = Observations(coordinates=names_of(beside))
         expression = quantity.expression(asked, beside)
         assert expression is not None

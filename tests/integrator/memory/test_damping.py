@@ -9,8 +9,8 @@ from spread import spread
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.damping_along import DampingAlong
-from fvi_cli.integrator.members import integrate_members
+from fvi_cli.integrator.balances import DampingAlong
+from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.memory.damping import Damping, damping_of, pattern_of
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method

@@ -12,7 +12,6 @@ from oracles.contour import talbot_inverse
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.diagnostics_request import DiagnosticsRequest
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
 from fvi_cli.effects.laws.law import Law, RelaxationKernel
@@ -209,7 +208,7 @@ def test_few_adaptive_steps_reach_the_oracle():
 @pytest.mark.parametrize("steps", [40, AdaptiveSteps(tolerance=1e-4)])
 def test_energy_with_what_the_law_stores_falls_in_every_step(steps):
     method = Method(cq="gauss", degree=3, start="graded")
-    run = integrate(SCENE, method, steps, diagnostics=DiagnosticsRequest(energy_balance=True))
+    run = integrate(SCENE, method, steps, diagnostics=True)
     stored = run.diagnostics.stored_energy
     assert stored.max() > 0.1
     total = run.energy + stored

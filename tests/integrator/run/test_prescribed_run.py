@@ -173,7 +173,7 @@ def test_diagnostics_of_a_given_motion_are_refused():
             experiment.problem.scene,
             "gauss3",
             8,
-            diagnostics=fvi.DiagnosticsRequest(energy_balance=True),
+            diagnostics=True,
         )
 
 

@@ -4,9 +4,9 @@ import numpy as np
 
 from benchmarks.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
 from fvi_cli.config import parse_config
+from fvi_cli.integrator.material import mesh_of_motion
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
-from fvi_cli.integrator.observations.request import Observations
-from fvi_cli.integrator.run.prescribed_run import prescribed_mesh
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.fits.predictions import METHOD, predict_motion
 from fvi_cli.studies.fits.settings import DataSet, Series
@@ -26,7 +26,7 @@ def test_steps_behind_kinks_at_any_times_share_their_sizes(tmp_path):
     )
     (experiment,) = parse_config(config, str(tmp_path / "a.yaml")).experiments
     scene = experiment.problem.scene
-    mesh = prescribed_mesh(scene.prescribed, METHOD, AdaptiveSteps(tolerance=1e-12))
+    mesh = mesh_of_motion(scene.prescribed, METHOD, AdaptiveSteps(tolerance=1e-12))
     sizes = np.array([one.step_size for one in mesh.stretches])
     assert set(times[1:]) <= {one.end for one in mesh.stretches}
     # what is left of every part has a size of its own

@@ -6,7 +6,7 @@ from oracles.volterra import VolterraSolution, solve_volterra
 from spread import few_of
 
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.observations import motion
+from fvi_cli.integrator.observe import motion
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -107,13 +107,13 @@ HARD = {
 
 def spoil(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let the motion between the points go wrong by a cubic."""
-    position = motion.DenseMotion.position
+    position = motion.Motion.position
 
     def wrong(self, steps, tau, columns=None):
         bump = 1e-3 * self.step_size[steps] * tau * (1.0 - tau) * (1.0 - 2.0 * tau)
         return position(self, steps, tau, columns) + bump[..., None]
 
-    monkeypatch.setattr(motion.DenseMotion, "position", wrong)
+    monkeypatch.setattr(motion.Motion, "position", wrong)
 
 
 def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):

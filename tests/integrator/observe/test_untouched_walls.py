@@ -13,7 +13,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.request import names_of
+from fvi_cli.integrator.observe.request import names_of
 
 FAR = {"when": "{0}**2 + 1", "restitution": 0.5}
 LAGRANGIANS = {

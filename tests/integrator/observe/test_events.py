@@ -5,8 +5,8 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations.formulas import FormulaAlong
-from fvi_cli.integrator.observations.search import event_places
+from fvi_cli.integrator.observe.along import FormulaAlong
+from fvi_cli.integrator.observe.search import find_events
 from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.expressions import Expression
 
@@ -53,11 +53,11 @@ def test_places_are_roots_to_round_off_of_the_step():
     rng = np.random.default_rng(3)
     roots = np.sort(rng.uniform(0.0, 1.0, (200, 3)), axis=1)
 
-    def variables(step: np.ndarray, tau: np.ndarray) -> dict[str, np.ndarray]:
+    def variables(step: np.ndarray, tau: np.ndarray, is_start: bool) -> dict[str, np.ndarray]:
         return {"t": tau, **{name: roots[step, k] for k, name in enumerate("abc")}}
 
     formula = Expression.parse("(t - a)*(t - b)*(t - c)", variables=("t", *"abc"))
-    step, place = event_places(FormulaAlong(formula, variables), [200], "any")
+    step, place = find_events(FormulaAlong(formula, variables), np.zeros(200, dtype=int), "any")
     apart = np.diff(roots, axis=1).min(axis=1) > 1e-3
     for index in np.flatnonzero(apart):
         own = place[step == index]

@@ -14,8 +14,8 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.parameters import parameter_of
 from fvi_cli.integrator.gradients.quantity import quantity_at
-from fvi_cli.integrator.observations.dampers import dampers_of
-from fvi_cli.integrator.observations.request import Observations, coordinate_names, names_of
+from fvi_cli.integrator.observe.dampers import dampers_of
+from fvi_cli.integrator.observe.request import Observations, coordinate_names, names_of
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.expressions import Expression
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from spread import few_of
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations import formulas
+from fvi_cli.integrator.observe import along
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
@@ -131,12 +131,12 @@ def test_a_stroboscope_is_complete_under_a_tolerance(rate):
 
 def test_a_value_that_is_zero_but_for_round_off_costs_little(monkeypatch):
     seen = []
-    own = formulas.FormulaAlong.with_noise
+    own = along.FormulaAlong.with_noise
 
-    def counted(self: formulas.FormulaAlong, steps: Array, tau: Array):
+    def counted(self: along.FormulaAlong, steps: Array, tau: Array):
         seen.append(len(tau))
         return own(self, steps, tau)
 
-    monkeypatch.setattr(formulas.FormulaAlong, "with_noise", counted)
+    monkeypatch.setattr(along.FormulaAlong, "with_noise", counted)
     fvi.integrate(spring(T=20.0, m=1.0, k=1.0, x=1.0), "gauss4", 40, events={"e": "ax + x"})
     assert sum(seen) < 40 * 64

@@ -9,7 +9,7 @@ from spread import few_of, spread
 
 import fvi_cli as fvi
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.observations.impacts import bouncing
+from fvi_cli.integrator.observe import impacts
 
 # the order, restitution and even degree of a run that had no end, and its time of rest by degree 3
 KNOWN = {"order": 1.4, "restitution": 0.8, "degree": 4}
@@ -144,7 +144,7 @@ def test_too_many_impacts_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     )
     floor = {"floor": {"when": "x", "restitution": 1.0}}
     assert fvi.integrate(scene, "gauss3", 50, impacts=floor).status == "ok"
-    monkeypatch.setattr(bouncing, "MOST_IMPACTS", 10)
+    monkeypatch.setattr(impacts, "MOST_IMPACTS", 10)
     run = fvi.integrate(scene, "gauss3", 50, impacts=floor)
     assert run.status == "failed"
     assert "more than 10 impacts" in run.message

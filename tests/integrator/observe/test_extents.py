@@ -11,8 +11,8 @@ from scipy.integrate import quad
 
 import fvi_cli as fvi
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.request import observations
-from fvi_cli.integrator.results.observed import Observed
+from fvi_cli.integrator.observe.request import observations
+from fvi_cli.integrator.trajectory import Observed
 
 Array = NDArray[np.float64]
 
@@ -53,7 +53,7 @@ def _observed(when: str, n_steps: int, every: int, output: Array | None = None) 
         events={"stop": {"when": when, "direction": "rising", "stop": True}},
     )
     method = Method(cq="gauss", degree=12, start="none")
-    _, run = observe_one(SCENE, method, n_steps, asked, every=every)
+    run = observe_one(SCENE, method, n_steps, asked, every=every)
     assert run.observed is not None
     assert output is not None or run.time[-1] == run.observed.events["stop"].time[0]
     return run.observed
@@ -123,7 +123,7 @@ def test_a_value_that_begins_with_zero_up_to_round_off_is_no_event(seed):
     when = texts[seed % len(texts)]
     asked = observations(("x",), events={"back": {"when": when}})
     method = Method(cq="gauss", degree=12, start="none")
-    _, run = observe_one(scene, method, int(rng.integers(8, 40)), asked)
+    run = observe_one(scene, method, int(rng.integers(8, 40)), asked)
     # sin(t + phase) = sin(phase)
     other = math.pi - 2 * phase
     expected = sorted(t for t in (other, other + 2 * math.pi, 2 * math.pi) if 0 < t < 9.0)

@@ -159,15 +159,3 @@ class RunSteps:
             for first, last in itertools.pairwise([0, *edges.tolist(), self.n_steps])
         ]
         return Mesh(stretches=tuple(stretches))
-
-
-Located = dict[tuple[bytes, ...], tuple[Places, Array]]
-
-
-def located_once(known: Located, run: RunSteps, time: Array) -> tuple[Places, Array]:
-    """As :meth:`RunSteps.located`; members of a batch have one mesh and the same times."""
-    key = run.time.tobytes(), run.step_size.tobytes(), time.tobytes()
-    if key not in known:
-        known.clear()
-        known[key] = run.located(time)
-    return known[key]

@@ -1,4 +1,4 @@
-"""Runs whose motion is given: steps through a displacement, on which dampers act as usual.
+"""The response of material laws to a given displacement: steps on which the laws act as usual.
 
 Velocities at the stages are those of the displacement; steps are cut at its knots, and graded
 after the start and after kinks, where the memory of a rate that jumps begins like a fractional
@@ -25,11 +25,9 @@ from fvi_cli.integrator.meshes.graded import (
 )
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, share_steps, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.results.run_steps import RunSteps
-from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory, thinned
-from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 
 START_POWER = 0.5
@@ -44,34 +42,36 @@ FEWEST, MOST = 64, 2**14
 
 
 @in_one_thread
-def integrate_prescribed(
+def material_response(
     scene: Scene,
-    motion: PrescribedMotion,
     method: AnyMethod,
-    steps: AnySteps,
+    steps: int | Mesh | AdaptiveSteps,
     *,
     every: int = 1,
     with_steps: bool = False,
 ) -> Trajectory:
-    """The run of a scene whose motion is given.
+    """The run of a scene whose motion is given; the forces of its laws are quantities along it.
 
     Raises
     ------
     ValueError
-        For methods that are not of Runge-Kutta.
+        For a scene without a given motion, and methods that are not of Runge-Kutta.
     """
+    if scene.prescribed is None:
+        raise ValueError("material_response: the scene has no given displacement")
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
             f"method: {method.label} cannot take a given displacement; "
             "take rk: gauss, such as gauss3"
         )
-    motion = replace(motion, final_time=scene.final_time)
-    mesh = prescribed_mesh(motion, method, steps)
-    found = prescribed_steps(motion, method, mesh)
-    kept = np.concatenate([[True], *(_reported(one) for one in mesh.stretches)])
+    motion = replace(scene.prescribed, final_time=scene.final_time)
+    mesh = mesh_of_motion(motion, method, steps)
+    found = _steps_through(motion, method, mesh)
+    kept = [np.isin(np.arange(1, one.n_steps + 1), one.reported) for one in mesh.stretches]
+    reported = np.concatenate([[True], *kept])
     trajectory = Trajectory(
-        time=found.time[kept],
-        position=found.position[kept],
+        time=found.time[reported],
+        position=found.position[reported],
         n_steps=mesh.n_reported,
         step_size=scene.final_time / mesh.n_reported,
         steps=found if with_steps else None,
@@ -79,11 +79,9 @@ def integrate_prescribed(
     return thinned(trajectory, every)
 
 
-def _reported(stretch: Stretch) -> Array:
-    return np.asarray(np.isin(np.arange(1, stretch.n_steps + 1), stretch.reported))
-
-
-def prescribed_mesh(motion: PrescribedMotion, method: Method, steps: AnySteps) -> Mesh:
+def mesh_of_motion(
+    motion: PrescribedMotion, method: Method, steps: int | Mesh | AdaptiveSteps
+) -> Mesh:
     """The mesh of a displacement; for a tolerance as many steps as its polynomials need."""
     if isinstance(steps, Mesh):
         return steps
@@ -91,11 +89,11 @@ def prescribed_mesh(motion: PrescribedMotion, method: Method, steps: AnySteps) -
         parts = len(motion.break_points) + 1
         count = FEWEST if parts == 1 else parts
         mesh = uniform_mesh(motion.final_time, count, motion.break_points)
-        found = prescribed_steps(motion, method, mesh)
+        found = _steps_through(motion, method, mesh)
         while _unresolved(found) > steps.tolerance and count < MOST:
             count *= 2
             mesh = uniform_mesh(motion.final_time, count, motion.break_points)
-            found = prescribed_steps(motion, method, mesh)
+            found = _steps_through(motion, method, mesh)
         if steps.tolerance >= BEHIND_KINKS * float(np.ptp(found.position)):
             return mesh
         return _alike(motion, method, count) if motion.kinks else _graded(motion, method, count)
@@ -159,7 +157,7 @@ def _unresolved(steps: RunSteps) -> float:
     return float(np.abs(series[-2:] * steps.step_size).max(initial=0.0)) if r > 1 and n else 0.0
 
 
-def prescribed_steps(motion: PrescribedMotion, method: Method, mesh: Mesh) -> RunSteps:
+def _steps_through(motion: PrescribedMotion, method: Method, mesh: Mesh) -> RunSteps:
     """Steps through a displacement, by its rates at the stages."""
     tables, time, sizes = step_tables(method), mesh.times, mesh.sizes
     # kept inside their steps: rounding must not move a time into the next piece

@@ -6,12 +6,12 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations import motion
-from fvi_cli.integrator.observations.observe import integrate_requested
-from fvi_cli.integrator.observations.observer import Pair
-from fvi_cli.integrator.observations.pieces import AT_A_TIME
-from fvi_cli.integrator.observations.request import Observations, observations
+from fvi_cli.integrator.observe import motion
+from fvi_cli.integrator.observe.along import AT_A_TIME
+from fvi_cli.integrator.observe.request import Observations, observations
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.series.chebyshev import evaluate_series
 from fvi_cli.scenes.data import duffing
 
@@ -57,10 +57,9 @@ def wanted(k: float) -> Observations:
     )
 
 
-def numbers(pair: Pair) -> dict[str, np.ndarray]:
+def numbers(reported: Trajectory) -> dict[str, np.ndarray]:
     """All numbers of a member."""
-    on_mesh, reported = pair
-    observed = reported.observed
+    on_mesh, observed = reported.on_mesh, reported.observed
     found = {"mesh": on_mesh.time, "time": reported.time, "x": reported.position}
     found |= {"p": reported.momentum, "energy": reported.energy, **observed.quantities}
     for name, one in observed.extents.items():
@@ -78,10 +77,10 @@ def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
         scene, k = member(kind, rng)
         scenes.append(scene)
         asked.append(wanted(k))
-    whole = integrate_requested(scenes, method, [60] * COUNT, asked)
+    whole = integrate_members(scenes, method, 60, observe=asked)
     chosen = [*range(COUNT - 1, 0, -1)]
-    part = integrate_requested(
-        [scenes[k] for k in chosen], method, [60] * len(chosen), [asked[k] for k in chosen]
+    part = integrate_members(
+        [scenes[k] for k in chosen], method, 60, observe=[asked[k] for k in chosen]
     )
     for place, index in enumerate(chosen):
         expected, found = numbers(whole[index]), numbers(part[place])
@@ -113,7 +112,7 @@ def test_evaluations_of_the_motion_do_not_grow_with_the_members(monkeypatch):
         monkeypatch.setattr(motion, "evaluate_series", counted)
         scenes, asked = [one for one, _ in drawn[:count]], [wanted(k) for _, k in drawn[:count]]
         # all of them within one part
-        integrate_requested(scenes, METHODS["gauss2"], [AT_A_TIME // 40] * count, asked)
+        integrate_members(scenes, METHODS["gauss2"], AT_A_TIME // 40, observe=asked)
         counts.append(len(calls))
     few, many = counts
     # a root among more takes more sweeps, and an event that stops a run is found for each

@@ -110,9 +110,9 @@ class Observations:
     coordinates: tuple[str, ...] = ()  # names of the d coordinates
     # times at which the motion is reported, shape (n,); None: the points of the mesh
     times: Array | None = None
-    quantities: Mapping[str, Expression] | None = None  # by name
-    events: Mapping[str, Event] | None = None
-    impacts: Mapping[str, Impact] | None = None  # surfaces by name, which change the motion itself
+    quantities: Mapping[str, Expression] = field(default_factory=dict)  # by name
+    events: Mapping[str, Event] = field(default_factory=dict)
+    impacts: Mapping[str, Impact] = field(default_factory=dict)  # they change the motion itself
     # values of further names in their expressions
     parameters: Mapping[str, float] = field(default_factory=dict)
     # further names that expressions may contain, as formulas in the other names
@@ -152,22 +152,22 @@ class Observations:
 
     def specification(self) -> dict[str, object]:
         """The parts that determine numbers, as JSON values; empty without a request."""
-        found: dict[str, object] = {}
+        output: object = None
         if self.times is not None:
-            found["output"] = self.times.tolist() if self.output is None else dict(self.output)
-        if self.quantities:
-            found["quantities"] = {name: one.text for name, one in self.quantities.items()}
-        if self.events:
-            found["events"] = {
+            output = self.times.tolist() if self.output is None else dict(self.output)
+        found = {
+            "output": output,
+            "quantities": {name: one.text for name, one in self.quantities.items()},
+            "events": {
                 name: {"when": one.when.text, "direction": one.direction, "stop": one.stop}
                 for name, one in self.events.items()
-            }
-        if self.impacts:
-            found["impacts"] = {
+            },
+            "impacts": {
                 name: {"when": one.when.text, "restitution": one.restitution}
                 for name, one in self.impacts.items()
-            }
-        return found
+            },
+        }
+        return {name: one for name, one in found.items() if one}
 
 
 def surface_objection(when: Expression, coordinates: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observations import dampers, motion
+from fvi_cli.integrator.observe import motion
 from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
 D, STEPS, FINAL_TIME = 60, 120, 2.0
@@ -43,8 +43,7 @@ def test_only_the_coordinates_that_a_formula_names_are_evaluated(mass, monkeypat
         widths.append(coefficients.shape[-1])
         return evaluate_series(coefficients, *places)
 
-    for module in (motion, dampers):
-        monkeypatch.setattr(module, "evaluate_series", counted)
+    monkeypatch.setattr(motion, "evaluate_series", counted)
     named = FORMULAS | {"force": "force_1_1"}
     fvi.integrate(structure(MASSES[mass]), "gauss2", STEPS, quantities=named)
     assert widths

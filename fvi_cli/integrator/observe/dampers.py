@@ -14,10 +14,10 @@ to the loss of energy; its integral over whole steps is the quadrature of the me
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Literal, cast
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -27,35 +27,26 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.damping_along import damping_along
+from fvi_cli.integrator.balances import forces_on
 from fvi_cli.integrator.memory.damping import pattern_of
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observations.motion import (
-    Combination,
-    DenseMotion,
-    combination_of,
-    join_series,
-    stage_series,
-)
-from fvi_cli.integrator.observations.pieces import by_owner
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.observe.motion import Motion
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.series.chebyshev import evaluate_series
 
-MOST_COMPONENTS = 1000
-"""Most components of a damper that have names of their own."""
-
+MOST_COMPONENTS = 1000  # most components of a damper that have names of their own
 TOGETHER = -1
 """Place of all dampers of a scene with a given motion, which share its one coordinate."""
 
 DamperForce = FractionalDamping | Law
+Kind = Literal["force", "deformation", "work"]
 
 
 @dataclass(frozen=True, kw_only=True)
 class DamperValue:
     """The meaning of a name: a component of the force or deformation of a damper, or its work."""
 
-    kind: Literal["force", "deformation", "work"]
+    kind: Kind
     place: int  # among the dampers of the scene, from 0
     component: int = 0
 
@@ -76,6 +67,11 @@ def deformation_of(scene: Scene, place: int, motion: Array) -> Array:
     return dampers_of(scene)[place][0].deformation(motion)
 
 
+def deformation_rows(scene: Scene, place: int) -> Array:
+    """B of a damper, ``(c, d)``."""
+    return deformation_of(scene, place, np.eye(scene.dimension)).T
+
+
 def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     """Quantities of dampers by name: ``force_1``, ``deformation_1`` and ``work_1``.
 
@@ -84,6 +80,7 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     the force of all dampers.
     """
     found: dict[str, DamperValue] = {}
+    kinds: tuple[Kind, ...] = ("force", "deformation")
     numbered = [(str(place + 1), place, one) for place, (one, *_) in enumerate(dampers_of(scene))]
     named = [(one.name, place, one) for _, place, one in numbered if one.name]
     for label, place, one in (*numbered, *named):
@@ -92,10 +89,8 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
         labels = (one.factored.labels if one.factored else ()) or range(1, count + 1)
         for component, number in enumerate(labels if count <= MOST_COMPONENTS else ()):
             end = f"_{number}" if count > 1 else ""
-            for kind in ("force", "deformation"):
-                value = DamperValue(
-                    kind=cast(Literal["force"], kind), place=place, component=component
-                )
+            for kind in kinds:
+                value = DamperValue(kind=kind, place=place, component=component)
                 found.setdefault(f"{kind}_{label}{end}", value)
     if scene.prescribed is not None:
         found.setdefault("force", DamperValue(kind="force", place=TOGETHER))
@@ -124,20 +119,18 @@ def forces_along(
     method: Method,
     runs: Sequence[RunSteps],
     damper: int | None = None,
-) -> list[Array | None]:
-    """Forces with memory at the stages of runs; those of one mesh and pattern at once.
+) -> list[Array]:
+    """Forces with memory at the stages of runs, ``(n, r, d)``; those of one mesh at once.
 
-    Each is ``(k, n, r, d)`` by direction or, for one damper, ``(1, n, r, c)`` on its deformation;
-    None without damping.
+    For the place of a damper its force on its deformation, ``(n, r, c)``.
     """
-    velocities = [run.velocity for run in runs]
     if damper is not None:
-        velocities = [
-            deformation_of(scene, damper, one)
-            for scene, one in zip(scenes, velocities, strict=True)
+        runs = [
+            replace(run, velocity=deformation_of(scene, damper, run.velocity))
+            for scene, run in zip(scenes, runs, strict=True)
         ]
         scenes = [damper_alone(scene, damper) for scene in scenes]
-    found: list[Array | None] = [None] * len(scenes)
+    found = [np.zeros_like(run.velocity) for run in runs]
     groups: dict[Hashable, list[int]] = {}
     for index, (scene, run) in enumerate(zip(scenes, runs, strict=True)):
         if scene.active_forces and run.n_steps:
@@ -146,38 +139,18 @@ def forces_along(
             key = (run.time.tobytes(), pattern_of(scene), scene.final_time)
             groups.setdefault(index if runs_individually else key, []).append(index)
     for places in groups.values():
-        first = runs[places[0]]
-        along = damping_along(
-            [scenes[index] for index in places],
-            method,
-            first.mesh(scenes[places[0]].break_points),
-            [replace(runs[index], velocity=velocities[index]) for index in places],
-        )
-        if along is None:  # pragma: no cover - there are forces
-            continue
-        with np.errstate(all="ignore"):
-            for index, force in zip(places, along.forces().swapaxes(0, 1), strict=True):
-                found[index] = force
+        own = [scenes[index] for index in places]
+        forces = forces_on(own, method, [runs[index] for index in places])
+        for index, force in zip(places, forces, strict=True):
+            found[index] = force
     return found
-
-
-def taken_at_once(scene: Scene, value: DamperValue, motion: Array) -> Array:
-    """What a damper takes from a motion without memory, from ``(..., d)`` to ``(..., 1)``.
-
-    It is a component of the deformation, or of the force of the relaxed moduli of laws.
-    """
-    found = deformation_of(scene, value.place, motion)
-    if value.kind == "force":
-        laws = [one for one in dampers_of(scene)[value.place] if isinstance(one, Law)]
-        found = sum((one.spring * times(found, one.inner) for one in laws), np.zeros_like(found))
-    return found[..., [value.component]]
 
 
 def check_forces(scene: Scene, name: str, *, is_work: bool = False) -> None:
     """Refuse forces and works that the initial data of Riemann-Liouville derivatives spoil.
 
     Above order 1 forces at the stages keep an error like those of
-    :meth:`fvi_cli.integrator.results.run_steps.RunSteps.momenta_of_polynomials`.
+    :meth:`fvi_cli.integrator.steps.RunSteps.momenta_of_polynomials`.
 
     Raises
     ------
@@ -197,82 +170,67 @@ def check_forces(scene: Scene, name: str, *, is_work: bool = False) -> None:
     raise ValueError(f"{name}: {reason}; use caputo, or begin at rest in 0")
 
 
-def deformation_rows(scene: Scene, place: int) -> Array:
-    """B of a damper, ``(c, d)``."""
-    return deformation_of(scene, place, np.eye(scene.dimension)).T
-
-
-def running_work(run: RunSteps, force: Array | None, rate: Array) -> Array:
-    """Chebyshev coefficients, on every step, of the work since the start, ``(r + 1, n)``.
-
-    Force and rate of deformation are those at the stages, ``(n, r, c)``; None: no force acts.
-    """
-    stages = run.tables.points.size
-    if force is None:
-        return np.zeros((stages + 1, run.n_steps))
-    power = np.einsum("nrd,nrd->rn", force, rate)
-    rates = run.tables.stages_to_series @ power
-    found = np.asarray(chebyshev.chebint(rates, lbnd=-1.0)) * 0.5 * run.step_size
-    found[0, 1:] += np.cumsum(found.sum(axis=0))[:-1]
-    return found
-
-
 class DampersAlong:
     """The dampers of members along their motions; forces of the memory are computed once."""
 
-    def __init__(self, motion: DenseMotion) -> None:
+    def __init__(self, motion: Motion) -> None:
         self._motion = motion
-        self._series: dict[tuple[str, int], Array] = {}
-        self._combinations: dict[DamperValue, Combination] = {}
+        self._forces: dict[int, Sequence[Array]] = {}
 
     def __call__(self, value: DamperValue, steps: Places, tau: Array) -> Array:
         """A force, deformation or work at places of steps, shape ``(n,)``."""
-        motion, place = self._motion, value.place
+        motion, place, scenes = self._motion, value.place, self._motion.scenes
         if place == TOGETHER:
-            count = len(dampers_of(motion.scenes[0]))
+            count = len(dampers_of(scenes[0]))
             every = (replace(value, place=one) for one in range(count))
             return np.asarray(sum(self(one, steps, tau) for one in every))
+        if value.kind != "deformation":
+            for scene in scenes:
+                check_forces(scene, f"{value.kind}_{place + 1}", is_work=value.kind == "work")
         if value.kind == "work":
-            return evaluate_series(self._works(place), steps, 2.0 * tau - 1.0)[:, 0]
-        if value not in self._combinations:
-            taken = [partial(taken_at_once, scene, value) for scene in motion.scenes]
-            self._combinations[value] = combination_of(motion.steps, taken)
-        found = motion.along(self._combinations[value], steps, tau)[:, 0]
+            to_work = np.eye(motion.steps[0].tables.points.size + 1)
+            works = partial(self._works, place)
+            return motion.series(value, works, steps, tau, to_work)[:, 0]
+        at_once = [partial(_without_memory, scene, value) for scene in scenes]
+        found = motion.path(value, at_once, steps, tau)[:, 0]
         if value.kind == "deformation":
             return found
-        for scene in motion.scenes:
-            check_forces(scene, f"force_{place + 1}")
-        series = self._remembered(place)[..., value.component, None]
-        found += evaluate_series(series, steps, 2.0 * tau - 1.0)[:, 0]
-        time = motion.time(steps, tau)
-        for member, own in by_owner(motion.owner, steps, len(motion.scenes)):
-            scene = motion.scenes[member]
-            if scene.initial_loads:
-                loads = damper_alone(scene, place).initial_force(time[own])
+        forces = self._of(place)
+        chosen = [value.component]
+        key = "memory", value
+        found += motion.series(key, lambda: [o[..., chosen] for o in forces], steps, tau)[:, 0]
+        if any(scene.initial_loads for scene in scenes):
+            time = motion.time(steps, tau)
+            for member, own in motion.by_member(steps):
+                loads = damper_alone(scenes[member], place).initial_force(time[own])
                 found[own] -= loads[:, value.component]
         return found
 
-    def _remembered(self, place: int) -> Array:
-        """Chebyshev coefficients of a damper's force with memory, ``(K, N, c)``."""
-        if ("force", place) not in self._series:
-            every = self._at_stages(place)
-            forces = [np.zeros_like(rate) if one is None else one for one, rate, _ in every]
-            self._series["force", place] = stage_series(self._motion.steps, forces)
-        return self._series["force", place]
+    def _of(self, place: int) -> Sequence[Array]:
+        """A damper's force with memory at the stages of every member."""
+        if place not in self._forces:
+            self._forces[place] = self._motion.forces(place)
+        return self._forces[place]
 
-    def _works(self, place: int) -> Array:
-        """Chebyshev coefficients of the work on a damper, ``(K, N, 1)``."""
-        if ("work", place) not in self._series:
-            for scene in self._motion.scenes:
-                check_forces(scene, f"work_{place + 1}", is_work=True)
-            found = [running_work(o, f, rate)[..., None] for f, rate, o in self._at_stages(place)]
-            self._series["work", place] = join_series(found)
-        return self._series["work", place]
-
-    def _at_stages(self, place: int) -> Iterator[tuple[Array | None, Array, RunSteps]]:
-        """For every member force and rate of deformation of a damper, ``(n, r, c)``."""
-        motion = self._motion
-        every = zip(motion.find_forces(place), motion.scenes, motion.steps, strict=True)
-        for forces, scene, run in every:
+    def _works(self, place: int) -> list[Array]:
+        """Chebyshev coefficients of the work on a damper since the start, ``(n, r + 1, 1)``."""
+        found, motion = [], self._motion
+        for force, scene, run in zip(self._of(place), motion.scenes, motion.steps, strict=True):
             rate = deformation_of(scene, place, run.velocity)
-            yield None if forces is None else forces.sum(axis=0), rate, run
+            power = run.tables.stages_to_series @ np.einsum("nrd,nrd->rn", force, rate)
+            work = np.asarray(chebyshev.chebint(power, lbnd=-1.0)) * 0.5 * run.step_size
+            work[0, 1:] += np.cumsum(work.sum(axis=0))[:-1]
+            found.append(work.T[..., None])
+        return found
+
+
+def _without_memory(scene: Scene, value: DamperValue, motion: Array) -> Array:
+    """What a damper takes from a motion without memory, from ``(..., d)`` to ``(..., 1)``.
+
+    It is a component of the deformation, or of the force of the relaxed moduli of laws.
+    """
+    found = deformation_of(scene, value.place, motion)
+    if value.kind == "force":
+        laws = [one for one in dampers_of(scene)[value.place] if isinstance(one, Law)]
+        found = sum((one.spring * times(found, one.inner) for one in laws), np.zeros_like(found))
+    return found[..., [value.component]]

@@ -1,0 +1,282 @@
+r"""Damping forces, stored energy, works and energy balance along finished runs.
+
+One replay of the memory from its inputs in each step (velocities at the stages of Runge-Kutta
+methods, the unknowns U for backward differences) gives the forces of the scheme, and its states
+:math:`s_j`. With weights :math:`e_j` of the kernel
+
+.. math:: E^\text{stored} = \tfrac12 \sum_j e_j\, s_j \cdot D s_j,
+
+and :math:`H + E^\text{stored}` of a scene with quadratic potential, without forcing, with positive
+damping falls in every single step of every mesh: the work against the damping is the increase of
+the stored energy plus a sum of squares. (Caputo derivatives of order above 1 take the start
+velocity from the velocity; then this holds where it is zero.)
+
+With the increments of step k in the polynomial :math:`x_d`, the forces enter the equations of
+motion by their moments :math:`g_{k\nu} = h \sum_i b_i l_\nu(c_i) f_{k,i}` against the basis, and
+their work is
+
+.. math:: W_k = \sum_\nu g_{k\nu} \cdot x_d'(d_\nu h; k) .
+
+The balance of the energy is exact, whatever the step size, for a constant mass matrix, a quadratic
+potential, as many Gauss points as the degree, ``forcing_quadrature: galerkin`` and no loads of
+initial data: the action's step is then a Gauss method, which keeps quadratic invariants, and a kick
+at a node does its work at the mean of the velocities before and after it. Otherwise the defects
+fall with the order of the method. If a Riemann-Liouville derivative of order :math:`\gamma < 1`
+turns an initial position into the force :math:`t^{-\gamma}`, they fall with
+:math:`h^{2 - 2 \gamma}` at the points of a method: the velocity there is known to
+:math:`t^{1 - \gamma}` only (measured).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.loads import StepLoads
+from fvi_cli.integrator.memory.damping import Damping, DampingTables, damping_of
+from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
+from fvi_cli.integrator.meshes.mesh import Mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.steps import RunSteps
+from fvi_cli.integrator.tables import step_tables
+from fvi_cli.integrator.trajectory import Diagnostics
+from fvi_cli.mathematics.arrays import Array, Mask, Places
+from fvi_cli.mathematics.lagrange import lobatto_basis
+
+PIECE = 64  # equal steps that are computed together
+AT_ONCE = 2**22  # most numbers in the states that are held
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class DampingAlong:
+    """The damping of q scenes of one kind along their runs of n steps."""
+
+    damping: Damping
+    step_sizes: Array  # (n,)
+    inputs: Array  # (q, n, i, e)
+    reach: DamperForms | None = None  # components of a large structure that it acts on
+    longest: int = PIECE  # most equal steps that are computed together
+
+    def forces(self) -> Array:
+        r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
+        damping, (q, n, i, e) = self.damping, self.inputs.shape
+        total, k = np.zeros((0, q, n, 0, e)), len(damping.combinations)
+        for tables, count, firsts, states, columns in self._replay(self.longest):
+            if tables is None:
+                continue
+            if not total.size:
+                total = np.zeros((k, q, n, tables.kernels.n_samples, e))
+            steps = firsts[:, None] + np.arange(count)
+            driven = self.inputs[:, steps].swapaxes(0, 1).reshape(len(firsts), q, count * i, e)
+            for index in range(k):
+                force = damping.past(tables, states, columns, count, index)
+                force = force + damping.own(tables, driven, count, index)
+                force = force.reshape(len(firsts), q, count, -1, e).swapaxes(0, 1)
+                total[index][:, steps] = force
+        return total if self.reach is None else self.reach.spread(total)
+
+    def stored(self) -> Array | None:
+        """Energy in the memory at the points, ``(q, n + 1)``.
+
+        None for backward differences, whose weights are no positive sum of squares.
+        """
+        total = np.zeros((len(self.inputs), self.step_sizes.size + 1))
+        for _, _, firsts, states, columns in self._replay(1):
+            energy = self.damping.energy(states, columns)
+            if energy is None:
+                return None
+            total[:, firsts] = energy.sum(axis=0).T
+        return total
+
+    def _replay(
+        self, longest: int
+    ) -> Iterator[tuple[DampingTables | None, int, Places, Array, Array]]:
+        """Blocks of steps: tables, number of steps, first steps, and states at their beginning.
+
+        Blocks of one step size come together: states are ``(b, q, J, e)``, those of a start
+        velocity of 1 ``(b, 1, J, 1)``. The last is the end of the run, without tables.
+        """
+        damping, (q, n, i, e) = self.damping, self.inputs.shape
+        states, column = damping.start()
+        pieces = pieces_of_equal_steps(self.step_sizes, longest)
+        keys = [(float(self.step_sizes[first]), end - first) for first, end in pieces]
+        tables = {key: damping.tables(*key) for key in dict.fromkeys(keys)}
+        together = max(PIECE, AT_ONCE // max(states.size, 1))
+        for begin in range(0, len(pieces), together):
+            chunk = range(begin, min(begin + together, len(pieces)))
+            path, columns = (
+                np.empty((len(chunk), *states.shape)),
+                np.empty((len(chunk), *column.shape)),
+            )
+            for place, index in enumerate(chunk):
+                (first, end), own = pieces[index], tables[keys[index]]
+                path[place], columns[place] = states, column
+                driven = self.inputs[:, first:end].reshape(q, (end - first) * i, e)
+                states = own.kernels.push(states, driven, end - first)
+                column = damping.push_column(own, column, end - first)
+            places: dict[tuple[float, int], list[int]] = {}
+            for place, index in enumerate(chunk):
+                places.setdefault(keys[index], []).append(place)
+            for key, those in places.items():
+                firsts = np.array([pieces[begin + place][0] for place in those])
+                yield tables[key], key[1], firsts, path[those], columns[those]
+        yield None, 0, np.array([n]), states[None], column[None]
+
+
+def damping_along(
+    scenes: Sequence[Scene],
+    method: Method,
+    mesh: Mesh,
+    steps: Sequence[RunSteps],
+) -> DampingAlong | None:
+    """The damping along runs on one mesh of scenes whose terms have the same pattern.
+
+    `mesh` is that of whole runs, also if all ended early, at the same step. None without damping.
+    """
+    reach = find_damper_forms(scenes[0].active_forces) if scenes[0].is_sparse else None
+    damping = damping_of(
+        scenes,
+        method,
+        shortest_step=mesh.shortest_step,
+        steps=mesh.equivalent_steps,
+        n_steps=None if method.is_runge_kutta else mesh.n_steps,
+        reach=reach,
+    )
+    if damping is None:
+        return None
+    inputs = np.stack([one.velocity for one in steps])
+    if not method.is_runge_kutta:
+        inputs = np.stack([step_tables(method).to_inputs @ one.unknowns for one in steps])
+    return DampingAlong(
+        damping=damping,
+        step_sizes=steps[0].step_size,
+        inputs=inputs if reach is None else reach.along(inputs),
+        reach=reach,
+    )
+
+
+def forces_on(scenes: Sequence[Scene], method: Method, runs: Sequence[RunSteps]) -> Array:
+    """The damping force of scenes with damping at the samples of runs on one mesh.
+
+    Shape ``(q, n, m, d)``; the terms of all scenes have the same pattern.
+    """
+    along = damping_along(scenes, method, runs[0].mesh(scenes[0].break_points), runs)
+    assert along is not None
+    with np.errstate(all="ignore"):
+        return np.asarray(along.forces().sum(axis=0))
+
+
+def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple[int, int]]:
+    """Ranges of equal step sizes, none longer than the longest."""
+    ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]
+    return [
+        (first, min(first + longest, end))
+        for begin, end in itertools.pairwise(ends)
+        for first in range(begin, end, longest)
+    ]
+
+
+def diagnose(
+    scene: Scene, method: Method, mesh: Mesh, steps: RunSteps, loads: StepLoads
+) -> Diagnostics:
+    """Works and energies at the points of a run.
+
+    `mesh` is that of the whole run, also if the run ended early; `loads` are the given forces.
+    """
+    along, damping, stored = damping_along([scene], method, mesh, [steps]), None, None
+    if along is not None:
+        damping = step_tables(method).to_loads @ along.forces().sum(axis=0)[0]
+        damping = damping * steps.step_size[:, None, None]
+        every = along.stored()
+        stored = None if every is None else every[0]
+    fresh = np.isin(steps.time[:-1], [one.begin for one in mesh.stretches if one.is_fresh])
+    added = loads_along(loads.of_weights, steps, fresh)
+    if added is not None:
+        damping = -added if damping is None else damping - added
+    initial = loads_along(loads.of_initial_data, steps, fresh)
+    forcing = loads_along(loads.of_forcing, steps, fresh)
+    basis = lobatto_basis(steps.tables.degree)
+    slopes = basis.derivatives(basis.control_points)[1:]
+    rates = np.einsum("vj,nvd->njd", slopes, steps.unknowns)
+    dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
+    linear = scene.linear_potential
+    if linear is not None and scene.forcing is not None:
+        # the work of the constant force is in the energy; round-off would look like a forcing
+        own = (steps.position - steps.position[0]) @ linear.force
+        worked = 0.0 * own if scene.forcing.is_constant(linear.force) else worked - own
+    if method.sampling == "nodes" and damping is not None:
+        # half of each kick is in the step before its point, half in the step after it
+        kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])
+        dissipated = _work_of_kicks(scene, steps, kicks)
+    dissipated = dissipated - _summed(initial, rates)
+    if scene.lagrangian is not None and scene.lagrangian.depends_on_time:
+        at_stages = steps.stage_position, steps.velocity, steps.stage_time
+        rate = scene.lagrangian.time_derivative(*at_stages)
+        worked = worked - _running(steps.step_size * (rate @ steps.tables.weights))
+    energy = scene.energy(steps.position, steps.momentum, steps.time)
+    if steps.jump is not None:
+        before = scene.energy(steps.position, steps.momentum - steps.jump, steps.time)
+        dissipated = dissipated + np.cumsum(before - energy)
+    return Diagnostics(
+        time=steps.time,
+        dissipated_work=dissipated,
+        forcing_work=worked,
+        energy_defect=energy - energy[0] + dissipated - worked,
+        stored_energy=stored,
+    )
+
+
+def _work_of_kicks(scene: Scene, steps: RunSteps, kicks: Array) -> Array:
+    """Work against kicks at the nodes, up to the middle of the kick at every grid point.
+
+    The stored momentum is that in the middle of a kick, so its velocity is the mean of the
+    velocities before and after the kick. The first half of a kick has its mean velocity a quarter
+    of the kick before the middle.
+    """
+    velocity = scene.velocity
+    middle = velocity(steps.position, steps.momentum, steps.time)
+    earlier = velocity(steps.position, steps.momentum + 0.25 * kicks, steps.time)
+    whole, half = (np.einsum("kd,kd->k", kicks, one) for one in (middle, 0.5 * earlier))
+    return np.asarray(_running(whole[:-1]) + half)
+
+
+def _summed(loads: Array | None, values: Array) -> Array:
+    """Running sum over the steps of load vectors times values at the control points."""
+    if loads is None:
+        return np.zeros(values.shape[0] + 1)
+    return _running(np.einsum("nvd,nvd->n", loads, values))
+
+
+def _running(changes: Array) -> Array:
+    """Sum of the changes over the steps up to every point, ``(n,)`` to ``(n + 1,)``."""
+    return np.concatenate([[0.0], np.cumsum(changes)])
+
+
+def loads_along(
+    of_steps: Callable[..., Array | None], steps: RunSteps, fresh: Mask
+) -> Array | None:
+    """Load vectors of all steps of a run, ``(n, s + 1, d)``; None without forces.
+
+    `of_steps` is as :meth:`fvi_cli.integrator.loads.StepLoads.of_steps`; `fresh` steps
+    begin where a force may be singular, ``(n,)``.
+    """
+    total: Array | None = None
+    for first, last in pieces_of_equal_steps(steps.step_size):
+        # a piece may hold several singular points: each begins a part of its own
+        inside = (first + 1 + np.flatnonzero(fresh[first + 1 : last])).tolist()
+        for begin, end in zip([first, *inside], [*inside, last], strict=True):
+            own = of_steps(
+                float(steps.time[begin]),
+                float(steps.step_size[begin]),
+                end - begin,
+                is_fresh=bool(fresh[begin]),
+            )
+            if own is not None:
+                # a force that is zero has no load vectors
+                total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
+                total[begin:end] = own
+    return total

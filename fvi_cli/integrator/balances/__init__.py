@@ -1,1 +1,0 @@
-"""Damping forces, works and energies along finished runs."""

@@ -1,1 +1,0 @@
-"""Motions that bounce off surfaces: steps that end on them, and changes of the momentum."""

@@ -1,1 +1,0 @@
-"""Values that a run gives: steps as polynomials, observations, diagnostics."""
