@@ -5,7 +5,7 @@ import xarray
 from command_line import configuration
 
 from fvi_cli.config import parse_config
-from fvi_cli.plotting.motions.time_series import balance_figure
+from fvi_cli.plotting.kinds.motions import balance_figure
 from fvi_cli.storage import open_results, read_results
 from fvi_cli.storage.digests import identity_of
 from fvi_cli.studies.study import study
@@ -93,6 +93,4 @@ def test_energy_that_the_damping_stores_is_kept(tmp_path):
     with xarray.open_dataset(tmp_path / "planet.h5", engine="h5netcdf", group=group) as data:
         assert data["stored_energy"].dims == ("time",)
     figure = balance_figure(config.experiments[0], [next(study(config.experiments[0]))])
-    assert "stored part $E_s$ of $W_d$" in [
-        text.get_text() for text in figure.legends[0].get_texts()
-    ]
+    assert "stored part of $W_d$" in [text.get_text() for text in figure.legends[0].get_texts()]
