@@ -189,7 +189,7 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move():
     outcome = run_of(SCENES["motion"])
     figure = outcome.plot("balance")
     lines, best = drawn(figure.axes[0]), outcome.finished[-1].trajectory
-    assert np.array_equal(lines["energy $E$"][1], best.energy)
+    np.testing.assert_allclose(lines["energy $E$"][1], best.energy, atol=1e-12)
     assert np.ptp(lines["$E + W_d - W_f$"][1]) < 1e-9 < np.ptp(best.energy)
     assert all(np.nanmax(line[1]) < 1e-14 for line in drawn(figure.axes[1]).values())
 
