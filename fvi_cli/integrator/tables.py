@@ -9,8 +9,8 @@ import numpy as np
 
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.chebyshev import to_coefficients
 from fvi_cli.mathematics.lagrange import LagrangeBasis, lobatto_basis
-from fvi_cli.mathematics.series.chebyshev import to_coefficients
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -9,7 +9,6 @@ Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 LongArray = NDArray[np.longdouble]
-LongComplexArray = NDArray[np.clongdouble]
 Places = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 

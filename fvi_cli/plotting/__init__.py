@@ -1,8 +1,8 @@
 """Figures of finished runs, made without pyplot and without global state."""
 
-from fvi_cli.plotting.interpolation import interpolation_figure
-from fvi_cli.plotting.ladders.convergence import Study, convergence_figure, saturation_figure
-from fvi_cli.plotting.motions.time_series import error_figure, trajectory_figure
+from fvi_cli.plotting.kinds.convergence import Study, convergence_figure
+from fvi_cli.plotting.kinds.interpolation import interpolation_figure
+from fvi_cli.plotting.kinds.saturation import saturation_figure
 from fvi_cli.plotting.planner import figure_kinds, figures_for, left_out
 from fvi_cli.plotting.save import FORMATS, save_figure
 from fvi_cli.plotting.style import styled
@@ -11,7 +11,6 @@ __all__ = [
     "FORMATS",
     "Study",
     "convergence_figure",
-    "error_figure",
     "figure_kinds",
     "figures_for",
     "interpolation_figure",
@@ -19,5 +18,4 @@ __all__ = [
     "saturation_figure",
     "save_figure",
     "styled",
-    "trajectory_figure",
 ]

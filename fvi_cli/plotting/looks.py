@@ -1,140 +1,103 @@
-"""Looks of lines, and a look for every method, which is the same in every figure."""
+"""Looks of curves: a family of methods has a range of colours, an order its marker."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from matplotlib import colormaps, rcParams
-from matplotlib.cm import ScalarMappable
-from matplotlib.colors import ListedColormap, LogNorm, Normalize, to_hex, to_rgb
-
-from fvi_cli.integrator.method import BASELINE_NAMES, AnyMethod, Baseline, Method
-from fvi_cli.plotting.style import COLOURS, LINE_STYLES, LineStyle
+from fvi_cli.integrator.method import BASELINE_NAMES, AnyMethod, Baseline
+from fvi_cli.plotting.style import COLOURS, INK, PALE
 from fvi_cli.plotting.words import typeset
 
-BASELINE_COLOURS = ("#8c8c8c", "#5c5c5c")
+LineStyle = str | tuple[float, Sequence[float]]
 
-# BDF p has the p-th marker; colours of Runge-Kutta families get darker with the number of stages
-_BDF_MARKERS = "os^DvP"
-_STAGE_COLOURS: Mapping[str, Sequence[str]] = {
-    "gauss": ("#B79FDB", "#8A5CC8", "#4B2A87", "#8B0037"),
+# colours get darker with the order or the number of stages: BDF cold, Gauss warm; in the BDF ramp
+# the least CIE distance is 25, and 18, 14, 12 for deutan, protan and tritan readers
+_RAMPS: Mapping[str, Sequence[str]] = {
+    "bdf": ("#4FB36B", "#3A9BDC", "#1A2F75", "#7A3FA0", "#D9609F", "#2A0A38"),
+    "gauss": ("#F5B94A", "#E8762D", "#C8321F", "#86123A", "#4A0A2C", "#9C7A6B"),
     "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
 }
-_STAGE_MARKERS: Mapping[str, str] = {"gauss": "X<H>", "lobatto-iiic": "*p8d"}
-_BASELINE_MARKERS = "xvdh"
-# markers of methods with the same convolution quadrature and degree that differ otherwise
-_FURTHER_MARKERS = "<>8dHp"
+_MARKERS = "os^DvPX<>p"
+_BASELINES = (("x", "#9a9a9a"), ("+", "#6e6e6e"), ("d", "#8a8a8a"), ("p", "#4a4a4a"))
+DASHES: Sequence[LineStyle] = ("-", (0, (4, 1.6)), (0, (6, 1.4, 1, 1.4)), (0, (1, 1.2)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Look:
-    """Colour, marker, dashes and width of a line, or of marks without one."""
+    """Colour, marker and dashes of a curve; width and size come from its place in the panel."""
 
     colour: str
     marker: str = ""
     dashes: LineStyle = "-"
     has_line: bool = True
-    is_filled: bool = True
-    width: float | None = None
+    width: float | None = None  # points
     size: float | None = None
-    is_broad: bool = False  # whether it is broad, and so visible below other lines
 
-    def properties(self) -> dict[str, Any]:
-        """Keyword arguments of a line of this look."""
-        # a white edge separates filled marks that overlap
-        has_edge = self.is_filled and self.marker not in "x+.*|" and not self.is_broad
-        sizes = {"linewidth": self.width, "markersize": self.size}
+    def properties(self, width: float, size: float) -> dict[str, Any]:
+        """Keyword arguments of a line; `width` and `size` where the look has none of its own."""
+        is_open = self.marker in ("x", "+", "|")
+        size = size if self.size is None else self.size
         return {
             "color": self.colour,
             "linestyle": self.dashes if self.has_line else "none",
+            "linewidth": width if self.width is None else self.width,
             "marker": self.marker,
-            "markerfacecolor": self.colour if self.is_filled else "white",
-            "markeredgecolor": "white" if has_edge else self.colour,
-            "markeredgewidth": 0.5 if self.is_filled else 0.9,
-            **({"solid_capstyle": "butt"} if self.is_broad else {}),
-            **{name: size for name, size in sizes.items() if size is not None},
+            "markersize": size,
+            "markeredgecolor": self.colour if is_open else "white",
+            "markeredgewidth": 0.9 if is_open else 0.5 if size > 3 else 0.0,
         }
 
 
-EXACT = Look(colour="#bdbdbd", width=4.0, is_broad=True)
+EXACT = Look(colour=PALE, width=3.2)
+BLACK = Look(colour=INK)
 
 
-@dataclass(frozen=True, kw_only=True)
-class MethodLook:
-    """The name of a method in a figure, and its look."""
-
-    label: str
-    look: Look
+def cycled(index: int) -> Look:
+    """The look of the curve number `index` of a panel where curves have none of their own."""
+    dashes = DASHES[index // len(COLOURS) % len(DASHES)]
+    return Look(colour=COLOURS[index % len(COLOURS)], dashes=dashes)
 
 
-def method_looks(methods: Sequence[AnyMethod]) -> dict[str, MethodLook]:
-    """Name and look of every method by its case, distinct in colour as well as in grey.
+def method_names(methods: Sequence[AnyMethod]) -> dict[str, str]:
+    """Names by case: the family where no other of these methods is of the same, else the label."""
+    distinct = {method.case: method for method in methods}
+    counts = Counter(method.family for method in distinct.values())
+    return {
+        case: typeset(method.label) if counts[method.family] > 1 else method.family
+        for case, method in distinct.items()
+    }
 
-    Colour and marker depend on the convolution quadrature (with its stages) or the baseline, and
-    are the same in every figure; baselines are grey. Marks of odd degrees are filled, of even
-    degrees hollow; each degree has its own dashes. Methods that differ otherwise get another marker
-    and a darker shade. If all methods would have one colour, each gets its own.
+
+def method_looks(methods: Sequence[AnyMethod]) -> dict[str, Look]:
+    """The look of every method by its case, the same in every figure.
+
+    Colour and marker belong to the family and its order or stages; methods that differ otherwise
+    have dashes. Where all methods are of one, each has a colour of its own.
     """
     distinct = {method.case: method for method in methods}
-    seen: dict[tuple[str, int], int] = {}
-    found = {}
+    seen: Counter[str] = Counter()
+    looks = {}
     for case, method in distinct.items():
-        if isinstance(method, Baseline):
-            key = (method.name, 0)
-        else:
-            # degrees 1 and 3 of BDF are both filled: one of them needs another marker
-            key = (method.cq, method.degree if method.is_runge_kutta else method.degree % 2)
-        repeat = seen[key] = seen.get(key, -1) + 1
-        found[case] = MethodLook(label=typeset(method.label), look=_look(method, repeat))
-    plain = [method for method in distinct.values() if isinstance(method, Method)]
-    if len(plain) > 1 and len({method.cq for method in plain}) == 1 and not plain[0].is_runge_kutta:
-        for index, method in enumerate(plain):
-            own = found[method.case]
-            colour = COLOURS[index % len(COLOURS)]
-            found[method.case] = replace(own, look=replace(own.look, colour=colour))
-    return found
+        repeat = seen[method.family]
+        seen[method.family] += 1
+        looks[case] = replace(_look(method), dashes=DASHES[repeat % len(DASHES)])
+    if len(seen) == 1 < len(looks):
+        looks = {
+            case: replace(cycled(k), marker=_MARKERS[k % len(_MARKERS)])
+            for k, case in enumerate(looks)
+        }
+    return looks
 
 
-def _look(method: AnyMethod, repeat: int) -> Look:
-    """Look of the method that is number `repeat`, from 0, of its quadrature and degree."""
+def _look(method: AnyMethod) -> Look:
     if isinstance(method, Baseline):
-        index = BASELINE_NAMES.index(method.name)
-        colour, marker, dashes = BASELINE_COLOURS[index % 2], _BASELINE_MARKERS[index], index + 1
-        is_filled = False
-    elif method.is_runge_kutta:
-        index = method.stages - 1 - (method.cq == "lobatto-iiic")
-        shades, markers = _STAGE_COLOURS[method.cq], _STAGE_MARKERS[method.cq]
-        colour, marker = shades[min(index, len(shades) - 1)], markers[index % len(markers)]
-        # printed in grey, neighbouring lines differ by their dashes
-        dashes, is_filled = (0, 2, 0, 1)[index % 4], True
-    else:
-        index = method.bdf_order - 1
-        colour, marker, dashes = COLOURS[index], _BDF_MARKERS[index], method.degree - 1
-        is_filled = method.degree % 2 == 1
-    if repeat:
-        red, green, blue = (0.6**repeat * part for part in to_rgb(colour))
-        colour = to_hex((red, green, blue))
-        marker = _FURTHER_MARKERS[(index + repeat) % len(_FURTHER_MARKERS)]
+        marker, colour = _BASELINES[BASELINE_NAMES.index(method.name) % len(_BASELINES)]
+        return Look(colour=colour, marker=marker)
+    ramp = _RAMPS.get(method.cq, _RAMPS["bdf"])
+    index = method.degree - 1 if method.is_runge_kutta else method.bdf_order - 1
     return Look(
-        colour=colour,
-        marker=marker,
-        dashes=LINE_STYLES[(dashes + 2 * repeat) % len(LINE_STYLES)],
-        is_filled=is_filled,
+        colour=ramp[min(index, len(ramp) - 1)], marker=_MARKERS[min(index, len(_MARKERS) - 1)]
     )
-
-
-def colours_of(numbers: Sequence[float]) -> ScalarMappable:
-    """Colours for numbers; for their logarithms if these are equidistant."""
-    low, high, middle = min(numbers), max(numbers), float(np.median(numbers))
-    is_log = low > 0 and high > 10 * low and middle**2 < (low * high) ** 0.5 * (low + high) / 2
-    # the lightest colours would fade on paper
-    colours = ListedColormap(colormaps[rcParams["image.cmap"]](np.linspace(0.0, 0.88, 256)))
-    return ScalarMappable((LogNorm if is_log else Normalize)(low, high), colours)
-
-
-def colour_of(colours: ScalarMappable, number: float) -> str:
-    """The colour of a number at a bar."""
-    return to_hex(tuple(np.atleast_2d(colours.to_rgba(np.array([number])))[0]))

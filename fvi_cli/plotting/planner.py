@@ -2,80 +2,119 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.ladders.convergence import (
-    Study,
-    convergence_figure,
-    saturation_figure,
-    sweep_convergence_figure,
-)
-from fvi_cli.plotting.motions.against import (
+from fvi_cli.plotting.kinds.against import (
     OF_PERIOD,
     obstacle,
     period,
     response_spectrum_figure,
     settings_figure,
 )
-from fvi_cli.plotting.motions.paths import (
-    WATERFALL_KINDS,
-    path_figure,
-    phase_figure,
-    waterfall_figure,
+from fvi_cli.plotting.kinds.convergence import (
+    Study,
+    convergence_figure,
+    sweep_convergence_figure,
 )
-from fvi_cli.plotting.motions.section import (
-    has_events,
-    hysteresis_figure,
-    section_figure,
-)
-from fvi_cli.plotting.motions.time_series import (
-    MOST_COMPONENTS,
-    MOST_PANELS,
+from fvi_cli.plotting.kinds.motions import (
     balance_figure,
     energy_figure,
     error_figure,
     has_balance,
     has_momentum,
-    has_quantities,
-    observed_of,
-    quantities_figure,
     sweep_trajectory_figure,
     trajectory_figure,
 )
+from fvi_cli.plotting.kinds.paths import (
+    WATERFALL_KINDS,
+    has_velocity,
+    path_figure,
+    phase_figure,
+    waterfall_figure,
+)
+from fvi_cli.plotting.kinds.planes import has_events, hysteresis_figure, section_figure
+from fvi_cli.plotting.kinds.quantities import has_quantities, quantities_figure
+from fvi_cli.plotting.kinds.saturation import saturation_figure
 from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.studies.experiment import FIGURE_KINDS, Experiment, FinishedRun
+from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.loops import forces_of
 
 Draw = Callable[[Experiment, Sequence[FinishedRun]], Figure]
-"""Draws a figure of an experiment and its finished runs.
-
-:func:`_obstacles` has checked before, once for all figures, that it can be drawn.
-"""
-_OVER_TIME: dict[str, Draw] = {
-    "trajectory": trajectory_figure,
-    "energy": energy_figure,
-    "error": error_figure,
-    "balance": balance_figure,
-    "phase": phase_figure,
-    "path": path_figure,
-    "waterfall": waterfall_figure,
-    "quantities": quantities_figure,
-    "section": section_figure,
-    "hysteresis": hysteresis_figure,
-}
-_OF_MEMBERS: dict[str, Draw] = {
-    "convergence": sweep_convergence_figure,
-    "trajectory": sweep_trajectory_figure,
-    "quantities": quantities_figure,
-    "section": section_figure,
-    "hysteresis": hysteresis_figure,
-    "spectrum": response_spectrum_figure,
-}
 _LEAST_LADDER = 3
+_USUAL = ("trajectory", "energy", "error", "quantities")
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Kind:
+    """A kind of figure: for one scene and for the members of a sweep, and what it needs."""
+
+    draw: Draw | None = None
+    of_members: Draw | None = None
+    needs: Callable[[FinishedRun], bool] = lambda item: True  # of some run
+    reason: str = ""  # why there is no figure where no run has it
+
+
+_NO_MOMENTUM = "no method of the experiment has a momentum; write method: gauss3"
+_KINDS: Mapping[str, _Kind] = {
+    "convergence": _Kind(
+        draw=lambda experiment, finished: convergence_figure([(experiment, finished)]),
+        of_members=sweep_convergence_figure,
+        needs=lambda item: bool(np.isfinite(item.error)) or item.status != "ok",
+        reason="no error is known; write exact: 1 - cos(t), or a ladder",
+    ),
+    "trajectory": _Kind(draw=trajectory_figure, of_members=sweep_trajectory_figure),
+    "energy": _Kind(draw=energy_figure, needs=has_momentum, reason=_NO_MOMENTUM),
+    "error": _Kind(
+        draw=error_figure,
+        needs=lambda item: item.run.problem.exact is not None,
+        reason="no exact solution is known; write exact: 1 - cos(t)",
+    ),
+    "balance": _Kind(
+        draw=balance_figure,
+        needs=has_balance,
+        reason="it needs store: {diagnostics: [energy-balance]} and a method such as gauss3",
+    ),
+    "phase": _Kind(draw=phase_figure, needs=has_velocity, reason=_NO_MOMENTUM),
+    "path": _Kind(
+        draw=path_figure,
+        needs=lambda item: item.trajectory.position.shape[1] > 1,
+        reason="the scene has one coordinate only",
+    ),
+    "waterfall": _Kind(
+        draw=waterfall_figure,
+        needs=lambda item: item.run.problem.kind in WATERFALL_KINDS,
+        reason=f"it is made for {', '.join(WATERFALL_KINDS)}",
+    ),
+    "quantities": _Kind(
+        draw=quantities_figure,
+        of_members=quantities_figure,
+        needs=has_quantities,
+        reason="there are none; write quantities: {drift: x2 - x1}",
+    ),
+    "section": _Kind(
+        draw=section_figure,
+        of_members=section_figure,
+        needs=has_events,
+        reason="no event happened",
+    ),
+    "hysteresis": _Kind(
+        draw=hysteresis_figure,
+        of_members=hysteresis_figure,
+        needs=lambda item: has_quantities(item) and bool(forces_of(item.run.experiment)),
+        reason="no quantity is the force of a damper; write quantities: {force: force_1}",
+    ),
+    "spectrum": _Kind(
+        of_members=response_spectrum_figure,
+        needs=lambda item: bool(set(OF_PERIOD).intersection(item.run.experiment.swept)),
+        reason="it is drawn of a sweep over stiffness or mass; write "
+        "sweep: {problem.stiffness: {from: 1, to: 100, number: 30, spacing: log}}",
+    ),
+}
 
 
 def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
@@ -83,10 +122,9 @@ def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
 
     An experiment that names its figures gets these. Otherwise a ladder of three or more step
     counts gets ``convergence``, a shorter one ``trajectory``, ``energy``, ``error`` and
-    ``quantities``, as far as there are an energy, a reference for errors, and quantities. A sweep
-    has figures ``convergence``, ``trajectory``, ``quantities``, ``section`` and ``spectrum`` of its
-    own. Experiments of kind ``fractional-derivative`` share one saturation figure, and all ladders
-    the figure ``<name>-convergence``.
+    ``quantities``, as far as there is something to draw. Experiments of kind
+    ``fractional-derivative`` share one saturation figure, and all ladders the figure
+    ``<name>-convergence``.
     """
     figures: dict[str, Figure] = {}
     derivatives = [study for study in studies if isinstance(study[0].problem, DerivativeProblem)]
@@ -101,12 +139,12 @@ def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
             if isinstance(one, FigureSettings) and not obstacle(finished, one):
                 title = f"{experiment.name}-{one.file_name}"
                 figures[title] = settings_figure(experiment, finished, one)
-        draw = _OF_MEMBERS if experiment.members else _OVER_TIME
         for kind in figure_kinds(experiment, finished):
-            if kind in draw:
-                figures[f"{experiment.name}-{kind}"] = draw[kind](experiment, finished)
-            else:
+            draw = _KINDS[kind].of_members if experiment.members else _KINDS[kind].draw
+            if kind == "convergence" and not experiment.members:
                 ladders.append((experiment, finished))
+            elif draw is not None:
+                figures[f"{experiment.name}-{kind}"] = draw(experiment, finished)
     if ladders:
         figures[f"{name}-convergence"] = convergence_figure(ladders)
     return figures
@@ -114,143 +152,54 @@ def figures_for(studies: Sequence[Study], *, name: str) -> dict[str, Figure]:
 
 def figure_kinds(experiment: Experiment, finished: Sequence[FinishedRun]) -> tuple[str, ...]:
     """Kinds of figures for which the runs of an experiment have data, in the order of drawing."""
-    wanted = _words(experiment)
-    for kind in wanted:
-        if kind not in FIGURE_KINDS:
-            raise ValueError(f"figures: {kind!r} is not one of {', '.join(FIGURE_KINDS)}")
-    obstacles = _obstacles(experiment, finished)
+    wanted = [kind for kind in experiment.figures if isinstance(kind, str)]
     if not experiment.figures:
         is_ladder = len({item.run.n_steps for item in finished}) >= _LEAST_LADDER
-        wanted = ("trajectory", "energy", "error", "quantities")
-        if is_ladder and "convergence" not in obstacles:
-            wanted = ("convergence",)
-    return tuple(kind for kind in wanted if kind not in obstacles)
-
-
-def _words(experiment: Experiment) -> tuple[str, ...]:
-    """The requested figures that are given by a single word."""
-    return tuple(kind for kind in experiment.figures if isinstance(kind, str))
+        is_ladder = is_ladder and not _obstacle(experiment, finished, "convergence")
+        wanted = ["convergence"] if is_ladder else list(_USUAL)
+    return tuple(kind for kind in wanted if not _obstacle(experiment, finished, kind))
 
 
 def left_out(studies: Sequence[Study]) -> list[str]:
-    """One line for every requested figure that cannot be drawn (with the reason) or completely."""
+    """One line with the reason for every requested figure that cannot be drawn."""
     lines = []
     for experiment, finished in studies:
-        is_derivative = isinstance(experiment.problem, DerivativeProblem)
-        obstacles = _obstacles(experiment, finished)
-        if is_derivative:
-            reason = "a fractional derivative has the figure of its orders only"
-            obstacles = {kind: reason for kind in FIGURE_KINDS if kind != "convergence"}
-        missing = {kind: obstacles[kind] for kind in _words(experiment) if kind in obstacles}
-        for one in experiment.figures if finished else ():
-            if isinstance(one, FigureSettings) and (reason := obstacle(finished, one)):
-                missing[one.file_name] = reason
-        lines += [
-            f"{experiment.name}: no {one} figure, since {why}" for one, why in missing.items()
-        ]
-        if finished and not is_derivative:
-            lines += _shortened(experiment, finished)
+        for one in experiment.figures:
+            if isinstance(one, str):
+                title, reason = one, _obstacle(experiment, finished, one)
+            else:
+                title = one.file_name
+                reason = obstacle(finished, one) if finished else "no run was finished"
+            if reason:
+                lines.append(f"{experiment.name}: no {title} figure, since {reason}")
     return lines
 
 
-_OF_FIRST_METHOD = ("quantities", "section", "hysteresis", "spectrum")
-"""Figures of sweeps that show one method."""
-
-
-def _shortened(experiment: Experiment, finished: Sequence[FinishedRun]) -> Iterator[str]:
-    """One line for every figure that leaves out quantities, coordinates or methods."""
-    quantities = max(len(observed_of(item).quantities) for item in finished)
-    coordinates = finished[0].trajectory.position.shape[1]
-    most = 1 if experiment.members else MOST_COMPONENTS
-    counts = {
-        "quantities": (quantities, MOST_PANELS, "quantities"),
-        "hysteresis": (len(forces_of(experiment)), MOST_COMPONENTS, "forces"),
-        "trajectory": (coordinates, most, "coordinates"),
-        "phase": (coordinates, MOST_COMPONENTS, "coordinates"),
-        "section": (coordinates, most, "coordinates"),
-    }
-    methods = len({item.run.method for item in finished})
-    for kind in figure_kinds(experiment, finished):
-        start = f"{experiment.name}: the {kind} figure shows"
-        count, shown, what = counts.get(kind, (0, 0, ""))
-        if count > shown:
-            yield f"{start} {shown} of {count} {what}"
-        is_sweep = experiment.members and experiment.accuracy is None
-        if is_sweep and methods > 1 and kind in _OF_FIRST_METHOD:
-            yield f"{start} the first of {methods} methods"
-
-
-_NO_MOMENTUM = "no method of the experiment has a momentum; write method: gauss3"
-_NEEDS_STORE = (
-    "it needs store: {diagnostics: [energy-balance]} and a method that keeps its steps, such as "
-    "gauss3"
-)
-_NEEDS_PERIODS = (
-    "it is drawn of a sweep over stiffness or mass; write "
-    "sweep: {problem.stiffness: {from: 1, to: 100, number: 30, spacing: log}}"
-)
-_NEEDS: Mapping[str, tuple[Callable[[FinishedRun], bool], str]] = {
-    "energy": (has_momentum, _NO_MOMENTUM),
-    "phase": (has_momentum, _NO_MOMENTUM),
-    "balance": (has_balance, _NEEDS_STORE),
-    "quantities": (has_quantities, "there are none; write quantities: {drift: x2 - x1}"),
-    "hysteresis": (
-        lambda item: has_quantities(item) and bool(forces_of(item.run.experiment)),
-        "no quantity is the force of a damper; write quantities: {force: force_1}",
-    ),
-    "section": (has_events, "no event happened"),
-    "path": (
-        lambda item: item.trajectory.position.shape[1] > 1,
-        "the scene has one coordinate only",
-    ),
-    "waterfall": (
-        lambda item: item.run.problem.kind in WATERFALL_KINDS,
-        f"it is made for {', '.join(WATERFALL_KINDS)}",
-    ),
-}
-"""By kind of figure: (condition that some run must meet, reason if none does)."""
-
-
-def _spectrum_obstacle(experiment: Experiment) -> dict[str, str]:
-    if not set(OF_PERIOD).intersection(experiment.swept):
-        return {"spectrum": _NEEDS_PERIODS}
-    try:
-        for member in experiment.members:
-            period(member)
-    except ValueError as error:
-        return {"spectrum": str(error)}
-    return {}
-
-
-def _obstacles(experiment: Experiment, finished: Sequence[FinishedRun]) -> dict[str, str]:
-    """Reasons by kind of figure, for the kinds that cannot be drawn."""
+def _obstacle(experiment: Experiment, finished: Sequence[FinishedRun], name: str) -> str:
+    """Why a figure cannot be drawn; empty: it can."""
+    if name not in _KINDS:
+        raise ValueError(f"figures: {name!r} is not one of {', '.join(_KINDS)}")
+    kind = _KINDS[name]
+    if isinstance(experiment.problem, DerivativeProblem):
+        is_orders = name == "convergence"
+        return "" if is_orders else "a fractional derivative has the figure of its orders only"
     if not finished:
-        return dict.fromkeys(FIGURE_KINDS, "no run was finished")
-    obstacles: dict[str, str] = {}
-    if experiment.members:
-        *others, last = _OF_MEMBERS
-        reason = f"a sweep has {', '.join(others)} and {last}; leave out sweep for one scene"
-        obstacles = {kind: reason for kind in FIGURE_KINDS if kind not in _OF_MEMBERS}
-    if "spectrum" in experiment.figures:
-        obstacles |= _spectrum_obstacle(experiment)
-    unknown = f"no error is known: the reference is {finished[0].reference}"
-    is_compared = any(np.isfinite(item.error) for item in finished)
-    if not is_compared and all(item.status == "ok" for item in finished):
-        obstacles["convergence"] = unknown
-    elif experiment.members and not any(np.isfinite(f.error) and f.error > 0 for f in finished):
-        obstacles["convergence"] = "no member has an error, or one above 0"
+        return "no run was finished"
+    if experiment.members and kind.of_members is None:
+        known = [one for one, its in _KINDS.items() if its.of_members]
+        return f"a sweep has {', '.join(known)}; leave out sweep for one scene"
     moving = [item for item in finished if item.trajectory.time.size > 1]
-    if not moving:
-        reason = f"every run failed at its start ({finished[-1].status})"
-        return {**obstacles, **dict.fromkeys(_OVER_TIME, reason)}
-    obstacles |= {
-        kind: reason
-        for kind, (is_there, reason) in _NEEDS.items()
-        if kind not in obstacles and not any(map(is_there, moving))
-    }
-    if experiment.problem.exact is None and not is_compared:
-        obstacles.setdefault("error", unknown)
-    elif experiment.problem.exact is None and experiment.observations.times is not None:
-        reason = "a refined run is known on the mesh only, not at the times of output"
-        obstacles.setdefault("error", reason)
-    return obstacles
+    if not moving and name != "convergence":
+        return f"every run failed at its start ({finished[-1].status})"
+    if not any(map(kind.needs, moving or finished)):
+        return kind.reason
+    if name == "spectrum":
+        try:
+            for member in experiment.members:
+                period(member)
+        except ValueError as error:
+            return str(error)
+    if name == "convergence" and experiment.members:
+        is_there = any(np.isfinite(item.error) and item.error > 0 for item in finished)
+        return "" if is_there else "no member has an error above 0"
+    return ""

@@ -1,4 +1,4 @@
-"""Figures as files: PNG, PDF and SVG."""
+"""Figures as files."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
 from fvi_cli.plotting.style import journal_style
 from fvi_cli.storage.files import replace_file
 
-FORMATS = ("png", "pdf", "svg")
-"""Kinds of pictures; the first is the usual one."""
+FORMATS = tuple(sorted(FigureCanvasBase.filetypes, key=lambda kind: kind != "png"))
+"""Kinds of pictures that matplotlib writes; the first is the usual one."""
 
-_NO_METADATA: Mapping[str, Mapping[str, str | None]] = {
+_NO_METADATA: Mapping[str, dict[str, str | None]] = {
     "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
@@ -52,5 +53,5 @@ def save_figure(
 def _rendered(figure: Figure, kind: str) -> bytes:
     buffer = io.BytesIO()
     with journal_style():
-        figure.savefig(buffer, format=kind, metadata=dict(_NO_METADATA[kind]))
+        figure.savefig(buffer, format=kind, metadata=_NO_METADATA.get(kind))
     return buffer.getvalue()

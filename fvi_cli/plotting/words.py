@@ -1,4 +1,4 @@
-"""Words in figures: names of coordinates, formulas, numbers, units."""
+"""Words in figures: names of coordinates, formulas, members, units."""
 
 from __future__ import annotations
 
@@ -67,30 +67,51 @@ def quantity_in_words(experiment: Experiment, name: str) -> str:
     return f"{what} {'damper ' if words[0].isdecimal() else ''}{words}"
 
 
+def number_in_words(value: float) -> str:
+    """A number with three digits, without a power of 10 where it is usual: ``20500``."""
+    return f"{float(f'{value:.3g}'):g}".replace("-", "\N{MINUS SIGN}")
+
+
+def wrap(words: str, letters: float) -> str:
+    """The text in lines of about so many letters; formulas and units stay whole."""
+    lines = [""]
+    for word in re.findall(r"(?:\$[^$]*\$|\([^()$]*\)|[^\s$])+", words):
+        longer = f"{lines[-1]} {word}".strip()
+        if lines[-1] and len(re.sub(r"\\[a-z]+|[${}^_]", "", longer)) > letters:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return "\n".join(lines)
+
+
 def coordinates_of(experiment: Experiment, dimension: int = 1) -> tuple[str, ...]:
     """Names of the coordinates; without names ``x``."""
     problem = experiment.problem
     return (problem.coordinates if isinstance(problem, Problem) else ()) or ("x",) * dimension
 
 
-def in_formula(value: float, digits: int = 8) -> str:
-    r"""A number inside of a formula: ``2.5 \times 10^{-5}`` for 2.5e-5."""
-    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    if not exponent:
-        return mantissa
-    power = f"10^{{{int(exponent)}}}"
-    return power if mantissa == "1" else rf"{mantissa} \times {power}"
+def time_label(experiment: Experiment) -> str:
+    """The label of an axis of time."""
+    return with_unit("time $t$", experiment.units, "time")
 
 
-def time_label(experiment: Experiment, shown: Sequence[FinishedRun] = ()) -> str:
-    """The label of an axis of time, with the step size if all steps are equal."""
+def step_words(experiment: Experiment, shown: Sequence[FinishedRun]) -> str:
+    """``$h = 0.5$ s`` where all runs have the same equal steps; else empty."""
     is_even = experiment.grading == 1.0 and experiment.accuracy is None
     sizes = {item.run.step_size for item in shown if is_even}
     unit = experiment.units.get("time", "")
-    if len(sizes) != 1:
-        return with_unit("time $t$", experiment.units, "time")
-    step = f"step size $h = {in_formula(sizes.pop(), 5)}$"
-    return f"time $t$ ({unit}), {step} {unit}" if unit else f"time $t$ ({step})"
+    return f"$h = {sizes.pop():.4g}$ {unit}".rstrip() if len(sizes) == 1 else ""
+
+
+def position_label(experiment: Experiment, name: str) -> str:
+    """The label of an axis of a coordinate."""
+    return with_unit(f"position {typeset_name(name)}", experiment.units, name, "length")
+
+
+def velocity_label(experiment: Experiment, name: str) -> str:
+    """The label of an axis of a velocity."""
+    words = rf"velocity $\dot {{{typeset_name(name).strip('$')}}}$"
+    return with_unit(words, experiment.units, f"v{name}", "velocity")
 
 
 def member_label(member: Member | None) -> str:

@@ -99,18 +99,18 @@ KINDS: Mapping[type, ResultKind] = {
     OrderTable: ResultKind(report=order_report),
     StabilityTable: ResultKind(
         report=stability_report,
-        figures=_drawing("fvi_cli.plotting.stability", "stability_figures"),
+        figures=_drawing("fvi_cli.plotting.kinds.stability", "stability_figures"),
         failures=lambda found: [row.failure for one in found for row in one.rows if row.failure],
     ),
     CostTable: ResultKind(
         report=cost_report,
-        figures=_drawing("fvi_cli.plotting.ladders.cost", "cost_figures"),
+        figures=_drawing("fvi_cli.plotting.kinds.convergence", "cost_figures"),
         failures=lambda found: [line for one in found for line in one.unexpected],
         is_compared=False,
     ),
     FitResult: ResultKind(
         report=fit_report,
-        figures=_drawing("fvi_cli.plotting.fits", "fit_figures"),
+        figures=_drawing("fvi_cli.plotting.kinds.fits", "fit_figures"),
         failures=lambda found: [one.name for one in found if not one.is_converged],
         words="fits did not converge",
         key="fits",
@@ -118,14 +118,14 @@ KINDS: Mapping[type, ResultKind] = {
     ),
     ModeTable: ResultKind(
         report=mode_report,
-        figures=_drawing("fvi_cli.plotting.spectra", "mode_figures"),
+        figures=_drawing("fvi_cli.plotting.kinds.spectra", "mode_figures"),
         failures=lambda found: [one.name for one in found if not one.is_complete],
         words="tables may lack modes",
         further=_mode_shapes,
     ),
     ResponseTable: ResultKind(
         report=response_report,
-        figures=_drawing("fvi_cli.plotting.spectra", "response_figures"),
+        figures=_drawing("fvi_cli.plotting.kinds.spectra", "response_figures"),
     ),
 }
 

@@ -5,6 +5,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
+from fvi_cli.mathematics.transforms import zeros
 from letters import oscillator, swing
 from spread import spread
 
@@ -16,8 +17,7 @@ from fvi_cli.integrator.stability.determinants import (
 )
 from fvi_cli.integrator.stability.patterns import step_patterns
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.mathematics.transforms import zeros
-from fvi_cli.mathematics.transforms.zeros import (
+from fvi_cli.mathematics.zeros import (
     count_zeros,
 )
 

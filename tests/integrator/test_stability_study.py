@@ -15,7 +15,7 @@ from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.determinants import LinearSystems, step_determinants
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
-from fvi_cli.mathematics.transforms.zeros import count_zeros
+from fvi_cli.mathematics.zeros import count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
 from fvi_cli.studies.stability_study import (

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fvi_cli.mathematics.transforms.zeros import (
+from fvi_cli.mathematics.zeros import (
     UNDECIDED,
     OneFunction,
     count_zeros,

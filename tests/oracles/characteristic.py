@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.mathematics.arrays import Array, ComplexArray, LongArray, LongComplexArray
-from fvi_cli.mathematics.transforms.zeros import OneFunction, Path, changes_of_argument
+from fvi_cli.mathematics.arrays import Array, ComplexArray, LongArray
+from fvi_cli.mathematics.zeros import OneFunction, Path, changes_of_argument
 
+LongComplexArray = NDArray[np.clongdouble]
 _LARGEST_LOGARITHM = 700.0  # of abs(s)
 _STRIPS = (2.95, 2.9, 3.0, 2.85, 3.05)  # bounds of arg(s), tried in turn
 _SAME_ZERO = 5e-3  # distance in w below which zeros form a cluster

@@ -1,327 +1,292 @@
-"""Figures are judged by what they draw."""
+"""Figures: what they draw is what the runs say, in the right places, with the right units."""
 
 import dataclasses
-import functools
-from collections.abc import Callable, Sequence
-from typing import Any
+import re
+from collections.abc import Mapping
 
-import matplotlib as mpl
 import numpy as np
 import pytest
-from made_runs import BDF1, BDF2, BDF3, LADDER, NODES, made_study, swinging
+import yaml
+from command_line import configuration
+from made_runs import LADDER, NODES, made_study
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
+from spread import spread
 
+import fvi_cli as fvi
 from fvi_cli import plotting
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.plotting.ladders import convergence as convergence_plots
-from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
+from fvi_cli.integrator.method import Method
+from fvi_cli.plotting.kinds.motions import drawn_motion, drawn_times, drawn_velocity
+from fvi_cli.plotting.looks import method_looks
 
-Study = tuple[Experiment, list[FinishedRun]]
-
-EULER = Baseline(name="explicit-euler")
-IMPLICIT = Baseline(name="implicit-euler")
-VARIANTS = [Method(cq=f"bdf{p}", degree=d, sampling="nodes") for p in (1, 2, 3, 4) for d in (1, 2)]
-
-# --- what is drawn --------------------------------------------------------------------------------
-
-
-def convergence(*methods: AnyMethod, **changes: Any) -> Figure:
-    return plotting.convergence_figure([made_study(methods or NODES, **changes)])
-
-
-@functools.cache
-def usual() -> Figure:
-    """Errors of three methods that fall with their orders; not to be changed."""
-    return convergence()
-
-
-def fallen_back(coarse: Sequence[int]) -> Figure:
-    """BDF2 whose rows with `coarse` step counts are expected to have another order."""
-    one, finished = made_study([BDF2])
-    changed = [
-        dataclasses.replace(item, expected_order=3.3 if item.run.n_steps in coarse else 2.0)
-        for item in finished
-    ]
-    return plotting.convergence_figure([(one, changed)])
-
-
-def at_round_off() -> Figure:
-    """BDF2 whose finest rows are round-off, and expected to have another order."""
-    one, finished = made_study([BDF2])
-    round_off = {"error": 1e-14, "expected_order": 3.3}
-    changed = [
-        dataclasses.replace(item, **(round_off if item.run.n_steps > 100 else {}))
-        for item in finished
-    ]
-    return plotting.convergence_figure([(one, changed)])
-
-
-def lost(method: AnyMethod, is_lost: Callable[[int], bool], word: str = "diverged") -> Any:
-    return lambda run: word if run.method == method and is_lost(run.n_steps) else "ok"
-
-
-def sizes(*found: float) -> Callable[[Run], float]:
-    """Errors by the place of the method among those of the experiment."""
-    return lambda run: found[run.experiment.methods.index(run.method)]
-
-
-def of_motions(draw: Any, methods: Sequence[AnyMethod], **changes: Any) -> Callable[[], Figure]:
-    return lambda: draw(*made_study(methods, **changes))
-
-
-def of_methods(kind: str) -> Figure:
-    study = made_study([BDF1, EULER, IMPLICIT], [64], error=sizes(0.2, 0.4, 0.6))
-    return plotting.figures_for([study], name="made-up")[f"made-up-{kind}"]
-
-
-def derivative_study(b: int) -> Study:
-    problem = DerivativeProblem(
-        function=lambda t: (t ** (b - 1) * np.sin(t))[:, None],
-        order=0.5,
-        final_time=1.0,
-        exact=lambda t: np.sin(t)[:, None],
-    )
-
-    def error(run: Run) -> float:
-        return 1e-3 * run.step_size ** min(2, b - 0.5)
-
-    return made_study(problem=problem, name=f"saturation-b{b}", error=error)
-
-
-@functools.cache
-def saturated() -> Figure:
-    """The usual four rows; not to be changed."""
-    made = plotting.figures_for([derivative_study(b) for b in (1, 3, 4, 5)], name="saturation")
-    assert set(made) == {"saturation"}
-    return made["saturation"]
-
-
-FIGURES: dict[str, Callable[[], Figure]] = {
-    "usual": usual,
-    "graded-l2": lambda: convergence(grading=2.0, norm="l2"),
-    # 2 is expected anyhow
-    "stated-orders": lambda: convergence(claims={"bdf2": 1.8, "bdf3": 2.0}),
-    "eight-methods": lambda: convergence(*VARIANTS, error=lambda run: run.step_size),
-    "six-methods": lambda: convergence(*VARIANTS[:6]),
-    "observed-slope": lambda: convergence(EULER, IMPLICIT),
-    "another-order-on-coarse-steps": lambda: fallen_back(LADDER[:3]),
-    "another-order-on-fine-steps": lambda: fallen_back(LADDER[3:]),
-    "rows-at-round-off": at_round_off,
-    "round-off-reached": lambda: convergence(error=lambda run: max(run.step_size**14, 3e-14)),
-    "all-diverged": lambda: convergence(status=lambda run: "diverged"),
-    "diverged": lambda: convergence(status=lost(BDF3, lambda n: n < 64)),
-    "failed": lambda: convergence(BDF1, error=lambda run: np.nan, status=lambda run: "failed"),
-    "refused": lambda: convergence(BDF1, error=lambda run: np.nan, status=lambda run: "refused"),
-    "two-of-one-kind": lambda: plotting.figures_for(
-        [made_study([BDF1], name=name) for name in "ab"], name="table-1"
-    )["table-1-convergence"],
-    **{kind: lambda kind=kind: of_methods(kind) for kind in ("trajectory", "energy", "error")},
-    "error-without-solution": of_motions(
-        plotting.error_figure, [BDF1], steps=[64], problem=swinging(exact=False)
+UNITS = "units: {time: ms, length: mm, force: kN%s}\n"
+OSCILLATOR = (
+    "kind: damped-oscillator, damping: [{order: 0.5, coefficient: 0.3}], "
+    "forcing: cos(1.2*t), final_time: 4.0"
+)
+GROUND = "ground_acceleration: sin(3*t), final_time: 2.0"
+FRAME = (
+    "kind: frame, storeys: 2, mass: 2.0, stiffness: 40.0, "
+    f"dampers: [{{order: 0.5, coefficient: 1.0}}], {GROUND}"
+)
+PLANET = "kind: kepler, initial: {position: [1.0, 0.0], velocity: [0.0, 1.1]}, final_time: 8.0"
+SWEPT = "sweep: {problem.damping.0.coefficient: {from: 0.1, to: 0.9, number: %d}}\n"
+SCENES = {
+    "motion": configuration(
+        OSCILLATOR,
+        name="motion",
+        method="{rk: gauss, degree: [2, 3]}",
+        steps="32, 64",
+        more="store: {diagnostics: [energy-balance]}\n"
+        "figures: [trajectory, energy, balance, phase]\n",
     ),
-    "two-that-look-alike": of_motions(
-        plotting.trajectory_figure, [BDF1, BDF2, EULER], steps=[64], error=sizes(1e-3, 2e-3, 0.2)
+    "ladder": configuration(OSCILLATOR, name="ladder", steps="16, 32, 64"),
+    "l2": configuration(OSCILLATOR, name="l2", steps="16, 32, 64", more="report: {norm: l2}\n"),
+    "planet": configuration(PLANET, name="planet", steps="64", more="figures: [path]\n"),
+    "building": configuration(
+        FRAME,
+        name="building",
+        steps="40",
+        more="quantities: [force_1_1, drift_1]\nfigures: [waterfall, hysteresis, quantities]\n",
     ),
-    # the largest position is 1.2; errors are drawn where they are least
+    "spectrum": configuration(
+        f"kind: structure, mass: 1.0, stiffness: 9.0, {GROUND}, exact: none, "
+        "rayleigh: {stiffness: 0.3, order: 0.5}",
+        name="spectrum",
+        steps="40",
+        more="figures: [spectrum]\nsweep: {problem.stiffness: [4.0, 9.0], "
+        "problem.rayleigh.stiffness: [0.1, 0.2]}\n",
+    ),
     **{
-        f"step-of-{kind}": of_motions(
-            draw, NODES[:2], error=lambda run: 0.4 * run.step_size, steps=LADDER[:4]
+        f"{count} members": configuration(
+            OSCILLATOR,
+            name=f"members{count}",
+            steps="16, 32, 64",
+            more=SWEPT
+            % count
+            + "events: {period: {when: sin(t)}}\nquantities: {force_max: force_1}\n"
+            "figures: [convergence, trajectory, quantities, section, {ensemble: [x]}, "
+            "{plot: peak_force_max, against: problem.damping.0.coefficient}]\n",
         )
-        for kind, draw in (
-            ("motions", plotting.trajectory_figure),
-            ("errors", plotting.error_figure),
-        )
+        for count in (3, 8)
     },
-    "step-of-motions-alike": of_motions(
-        plotting.trajectory_figure, NODES[:2], error=lambda run: 1e-3, steps=LADDER[:4]
-    ),
-    "step-that-all-reach": of_motions(
-        plotting.trajectory_figure, NODES[:2], status=lost(BDF2, lambda n: n > 32), steps=LADDER[:4]
-    ),
-    "saturation": saturated,
-    "sketch": plotting.interpolation_figure,
+}
+PURE = re.compile(r"^order |^phase|^(mass|storey|coordinate)$|degrees|%")  # numbers without a unit
+
+
+def run_of(text: str) -> fvi.Outcome:
+    content: Mapping[str, object] = yaml.safe_load(text)
+    (outcome,) = fvi.run(content)
+    return outcome
+
+
+def panels(figure: Figure) -> list[Axes]:
+    return [axes for axes in figure.axes if axes.axison]
+
+
+def drawn(axes: Axes) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Abscissas and ordinates of the lines of a panel by label."""
+    return {str(one.get_label()): np.array(one.get_data(), dtype=float) for one in axes.lines}
+
+
+@pytest.mark.parametrize("name", spread(few=3, name=list(SCENES)).args[1])
+def test_every_axis_of_a_quantity_has_its_unit(name):
+    own = ", force_max: kN" * ("force_max" in SCENES[name]) + ", drift_1: mm" * (name == "building")
+    outcome = run_of(SCENES[name] + UNITS % own)
+    figures = fvi.figures(outcome)
+    wanted = max(len(outcome.experiment.figures), 1)
+    assert len(figures) == wanted
+    for title, figure in figures.items():
+        for axes in panels(figure):
+            for words in (axes.get_xlabel(), axes.get_ylabel()):
+                words = words.replace("\n", " ")
+                if words and not PURE.search(words):
+                    assert re.search(r"\((\$.*\$ )?(ms|mm|kN)|\(1/ms|\(.*kN", words), (title, words)
+
+
+def test_a_ladder_has_every_error_and_marks_every_lost_run():
+    def status(run):
+        return "diverged" if run.method == NODES[2] and run.n_steps > 32 else "ok"
+
+    experiment, finished = made_study(status=status)
+    axes = plotting.convergence_figure([(experiment, finished)]).axes[0]
+    lines = [line for line in axes.lines if len(line.get_xdata()) == len(LADDER)]
+    for line, method in zip(lines, NODES, strict=True):
+        runs = sorted((f for f in finished if f.run.method == method), key=lambda f: -f.run.n_steps)
+        errors = [one.error if one.status == "ok" else np.nan for one in runs]
+        np.testing.assert_array_equal(line.get_ydata(), errors)
+        np.testing.assert_array_equal(line.get_xdata(), [one.run.step_size for one in runs])
+    (lost,) = (line for line in axes.lines if line.get_markerfacecolor() == "none")
+    gone = [one.run.step_size for one in finished if one.status == "diverged"]
+    assert sorted(lost.get_xdata()) == sorted(gone)
+
+
+@pytest.mark.parametrize("claims", [{}, {"bdf2": 1.8}])
+def test_slopes_are_those_of_theory_and_of_the_source(claims):
+    axes = plotting.convergence_figure([made_study(claims=claims)]).axes[0]
+    rays = [line for line in axes.lines if line.get_transform() is axes.transAxes]
+    (left, right), (low, high) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
+    slopes = [
+        np.diff(one.get_ydata())[0] / np.diff(one.get_xdata())[0] * (high - low) / (right - left)
+        for one in rays
+    ]
+    assert slopes == pytest.approx(sorted({1.0, 2.0, *claims.values()}))
+    assert sum(one.get_linestyle() == "--" for one in rays) == len(claims)
+
+
+def test_methods_of_two_degrees_have_two_panels():
+    methods = [Method(cq=f"bdf{p}", degree=s) for p in (1, 2) for s in (1, 2)]
+    figure = plotting.convergence_figure([made_study([*methods, Method(cq="gauss", degree=2)])])
+    titles = [axes.get_title(loc="left").rpartition(", ")[2] for axes in figure.axes]
+    assert titles == ["degree 1", "degree 2"]
+    names = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert names == ["BDF1", "BDF2", "Gauss2"]
+
+
+def test_methods_look_different_and_each_the_same_everywhere():
+    methods = [
+        *(Method(cq=f"bdf{p}", degree=s) for p in range(1, 7) for s in (1, 2)),
+        *(Method(cq="gauss", degree=s) for s in range(1, 5)),
+    ]
+    looks = method_looks(methods)
+    assert len({(one.colour, one.marker, str(one.dashes)) for one in looks.values()}) == 16
+    assert method_looks([methods[-1], methods[0]])[methods[-1].case] == looks[methods[-1].case]
+
+
+BALL = {
+    "name": "ball",
+    "problem": {
+        "kind": "lagrangian",
+        "coordinates": ["x"],
+        "lagrangian": "vx**2/2 - x",
+        "initial": {"position": 1.0},
+        "final_time": 6.0,
+        "exact": "none",
+    },
+    "impacts": {"floor": {"when": "x", "restitution": 0.8}},
+    "method": {"rk": "gauss", "degree": 2},
+    "ladder": {"steps": [10]},
 }
 
 
-@pytest.mark.few(9)
-@pytest.mark.parametrize("name", FIGURES)
-def test_every_figure_is_drawn(name):
-    figure = FIGURES[name]()
-    figure.draw_without_rendering()
-    assert all(axes.lines for axes in figure.axes)
+def test_motions_are_the_polynomials_of_their_steps_and_bounces_reach_the_floor():
+    experiment = fvi.load(BALL).experiments[0]
+    (run,) = experiment.runs()
+    motion = fvi.integrate(run.scene, run.method, 10, with_steps=True, impacts=BALL["impacts"])
+    (outcome,) = fvi.run(BALL)
+    item = dataclasses.replace(outcome.finished[0], trajectory=motion)
+    times, position = drawn_motion(item)
+    np.testing.assert_allclose(position, motion(times), rtol=1e-14)
+    assert times.size > max(600, 20 * motion.steps.n_steps)
+    floors = np.isin(times, motion.observed.events["floor"].time)
+    assert floors.sum() >= 2
+    assert np.abs(position[floors]).max() < 1e-12
+    assert drawn_velocity(item).shape == position.shape
+    assert np.array_equal(drawn_times(outcome.finished[0])[[0, -1]], [0.0, 6.0])
 
 
-def test_convergence_draws_every_error_of_every_method():
-    _, finished = made_study()
-    for method, line in zip(NODES, lines(usual()), strict=True):
-        wanted = sorted((f.run.step_size, f.error) for f in finished if f.run.method == method)
-        assert list(zip(line.get_xdata(), line.get_ydata(), strict=True)) == wanted
-    (legend,) = usual().legends
-    assert {one.label for one in NODES} <= {text.get_text() for text in legend.get_texts()}
+def test_balance_shows_energy_works_and_a_sum_that_does_not_move():
+    outcome = run_of(SCENES["motion"])
+    figure = outcome.plot("balance")
+    lines, best = drawn(figure.axes[0]), outcome.finished[-1].trajectory
+    np.testing.assert_allclose(lines["energy $E$"][1], best.energy, atol=1e-12)
+    assert np.ptp(lines["$E + W_d - W_f$"][1]) < 1e-9 < np.ptp(best.energy)
+    assert all(np.nanmax(line[1]) < 1e-14 for line in drawn(figure.axes[1]).values())
 
 
-def test_saturation_says_what_it_is_about_and_every_panel_has_its_own_range():
-    ranges = [axes.get_ylim() for axes in saturated().axes[::2]]
-    assert ranges[0] != ranges[1]
-    heading = saturated().legends[0].get_title().get_text()
-    assert r"$f(t) = t^{\,b-1} \sin t$" in heading
-    assert "order 1/2" in heading
+def test_a_waterfall_lifts_every_line_by_one_factor():
+    outcome = run_of(SCENES["building"])
+    above, below = outcome.plot("waterfall").axes
+    position = outcome.finished[0].trajectory.position
+    moved = [line for line in above.lines if len(line.get_xdata()) > 2]
+    lifted = {round(line.get_ydata()[0]): line.get_ydata() for line in moved}
+    factors = [
+        (y - k)[1:] / position[1:, k - 1] for k, y in lifted.items() if len(y) == len(position)
+    ]
+    assert len(lifted) == 2
+    assert all(np.ptp(one) < 1e-6 * one.mean() for one in factors)
+    (ground,) = (line for line in below.lines if len(line.get_xdata()) > 2)
+    np.testing.assert_allclose(ground.get_ydata(), np.sin(3 * ground.get_xdata()), atol=1e-12)
 
 
-@pytest.mark.parametrize("b", [1, 2, 3])
-def test_a_saturated_order_is_explained_beside_curves_that_have_it(b, monkeypatch):
-    drawn = []
-    monkeypatch.setattr(convergence_plots, "ladders", lambda panels, **_: drawn.extend(panels))
-    plotting.saturation_figure([derivative_study(b)])
-    for panel, limit in zip(drawn, (b - 0.5, b + 1), strict=True):
-        most = min(limit, 3)
-        orders = {int(curve.label[3]): curve.order for curve in panel.curves}
-        assert {p for p, order in orders.items() if order == most} == {
-            p for p in (1, 2, 3) if p >= most
-        }
-        assert all(np.isnan(order) for p, order in orders.items() if p < most)
+def test_the_largest_peak_of_a_panel_has_its_number():
+    outcome = run_of(SCENES["building"])
+    figure = outcome.plot("quantities")
+    for axes, extent in zip(
+        figure.axes, outcome.finished[0].trajectory.observed.extents.values(), strict=True
+    ):
+        (number,) = axes.texts
+        value = float(number.get_text().replace("\N{MINUS SIGN}", "-"))
+        assert abs(value) == pytest.approx(extent.peak, rel=5e-3)
+        assert number.xy[0] == extent.peak_time
 
 
-def test_pieces_of_the_sketch_are_polynomials_of_their_degree_and_of_no_lower_one():
-    drawn = plotting.interpolation_figure().axes[0].lines
-    pieces = [line for line in drawn if "piece" in str(line.get_label())]
-    assert len(pieces) == 2
-    x, y = pieces[0].get_xdata(), pieces[0].get_ydata()
-    defects = [np.abs(np.polyval(np.polyfit(x, y, k), x) - y).max() for k in (2, 1)]
-    assert defects[0] < 1e-12
-    assert defects[1] > 1e-3
+def test_response_spectra_are_largest_displacements_over_periods():
+    outcome = run_of(SCENES["spectrum"])
+    upper, lower = outcome.plot("spectrum").axes
+    largest = {
+        tuple(one.run.member.values.values()): np.abs(one.trajectory.position).max()
+        for one in outcome.finished
+    }
+    for line, other, ratio in zip(upper.lines, lower.lines, (0.1, 0.2), strict=True):
+        period, size = np.array(line.get_data())
+        assert period == pytest.approx(2 * np.pi / np.array([3.0, 2.0]))
+        assert list(size) == [largest[stiffness, ratio] for stiffness in (9.0, 4.0)]
+        assert other.get_ydata() == pytest.approx((2 * np.pi / period) ** 2 * size)
 
 
-def test_a_solution_that_runs_away_does_not_press_the_others_flat():
-    one = made_study(NODES[:2], [64], error=sizes(1e-3, 1e6))
-    low, high = plotting.trajectory_figure(*one).axes[0].get_ylim()
-    assert -3 < low < -1
-    assert 1 < high < 3
-
-
-# --- which figures --------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("studies", [[], [(made_study()[0], [])]])
-@pytest.mark.parametrize("draw", [plotting.convergence_figure, plotting.saturation_figure])
-def test_without_runs_there_is_nothing_to_draw(draw, studies):
-    with pytest.raises(ValueError):
-        draw(studies)
-
-
-def test_saturation_refuses_other_problems():
-    with pytest.raises(ValueError, match="bagley-torvik"):
-        plotting.saturation_figure([made_study()])
-
-
-NO_ERRORS = {"problem": swinging(exact=False), "error": lambda run: np.nan}
+def test_peaks_and_events_are_drawn_against_the_swept_key():
+    key = "problem.damping.0.coefficient"
+    outcome = run_of(SCENES["8 members"])
+    finest = [one for one in outcome.finished if one.run.n_steps == 64]
+    (line,) = outcome.plot({"plot": "peak_force_max", "against": key}).axes[0].lines
+    swept = [one.run.member.values[key] for one in finest]
+    peaks = [one.trajectory.observed.extents["force_max"].peak for one in finest]
+    np.testing.assert_array_equal(line.get_data(), [swept, peaks])
+    (dots,) = outcome.plot({"plot": "period", "against": key}).axes[0].lines
+    events = [one.trajectory.observed.events["period"].position[:, 0] for one in finest]
+    np.testing.assert_array_equal(dots.get_ydata(), np.concatenate(events))
+    (mean,) = outcome.plot({"ensemble": ["x"]}).axes[0].lines
+    motions = [one.trajectory.position[:, 0] for one in finest]
+    np.testing.assert_allclose(mean.get_ydata(), np.mean(motions, axis=0), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("study", "kinds"),
+    ("scene", "figure", "words"),
     [
-        (made_study(), ("convergence",)),
-        (made_study(steps=[8, 16]), ("trajectory", "energy", "error")),
-        (made_study(steps=[8], **NO_ERRORS), ("trajectory", "energy")),
-        # errors against a refined run are as good
-        (
-            made_study(steps=[8], problem=swinging(exact=False)),
-            ("trajectory", "energy", "error"),
-        ),
-        (made_study(figures=("energy", "convergence")), ("energy", "convergence")),
+        ("planet", "balance", "store: {diagnostics: [energy-balance]}"),
+        ("planet", "error", "no exact solution is known"),
+        ("planet", "waterfall", "made for chain, frame"),
+        ("motion", "path", "one coordinate only"),
+        ("motion", "spectrum", "sweep over stiffness or mass"),
+        ("3 members", "energy", "leave out sweep for one scene"),
+        ("3 members", "spectrum", "sweep over stiffness or mass"),
     ],
 )
-def test_which_figures_an_experiment_gets(study, kinds):
-    assert plotting.figure_kinds(*study) == kinds
+def test_a_figure_of_nothing_says_in_one_line_why(scene, figure, words):
+    outcome = run_of(SCENES[scene])
+    with pytest.raises(fvi.RequestError, match=re.escape(words)) as error:
+        outcome.plot(figure)
+    assert "\n" not in str(error.value)
 
 
-def test_a_figure_that_is_not_there_or_cannot_be_drawn_is_told_with_its_reason():
-    with pytest.raises(ValueError, match="'enrgy' is not one of convergence, trajectory"):
-        plotting.figure_kinds(*made_study(figures=("enrgy",)))
-    named = {"figures": ("trajectory", "error"), "problem": swinging(exact=False)}
-    (line,) = plotting.left_out([made_study(**named, error=lambda run: np.nan)])
-    assert line.startswith("made-up: no error figure, since no error is known: the reference is")
-    assert plotting.left_out([made_study(**named)]) == []
-    assert plotting.left_out([made_study(**NO_ERRORS)]) == []  # nothing was named
-    one, finished = made_study([BDF1], figures=("energy",))
-    still = [
-        dataclasses.replace(item, trajectory=dataclasses.replace(item.trajectory, energy=None))
-        for item in finished
-    ]
-    assert plotting.left_out([(one, still)]) == [
-        "made-up: no energy figure, since no method of the experiment has a momentum; "
-        "write method: gauss3"
-    ]
+def test_files_are_complete_and_the_same_every_time(tmp_path):
+    for folder in ("one", "two"):
+        figure = plotting.convergence_figure([made_study()])
+        plotting.save_figure(figure, tmp_path / folder, "made", ("png", "pdf", "svg"))
+    for kind in ("png", "pdf", "svg"):
+        first, second = ((tmp_path / f / f"made.{kind}").read_bytes() for f in ("one", "two"))
+        assert first == second
+    with pytest.raises(ValueError, match="format"):
+        plotting.save_figure(figure, tmp_path, "made", ("docx",))
+    with pytest.raises(ValueError, match="name"):
+        plotting.save_figure(figure, tmp_path, "../made")
 
 
-# --- where it is drawn ----------------------------------------------------------------------------
-
-
-def lines(figure: Figure) -> list[Line2D]:
-    """Lines that a legend names."""
-    found = [line for axes in figure.axes for line in axes.lines]
-    return [line for line in found if not str(line.get_label()).startswith("_")]
-
-
-def guides(figure: Figure) -> dict[str, Line2D]:
-    """Rays with slopes by what they say."""
-    found = {str(line.get_label())[1:]: line for axes in figure.axes for line in axes.lines}
-    return {name: line for name, line in found.items() if name.startswith("order ")}
-
-
-def test_a_panel_has_its_height_beside_a_legend_and_its_numbers():
-    usual().draw_without_rendering()
-    (axes,) = usual().axes
-    assert axes.get_position().height * usual().get_figheight() > 1.5
-    assert len(axes.get_yticks()) > 0
-    gone = convergence(status=lambda run: "diverged")
-    gone.draw_without_rendering()
-    assert len(gone.axes[0].get_yticks()) == 0
-
-
-def test_slopes_that_the_source_states_are_dashed():
-    found = guides(convergence(claims={"bdf2": 1.8, "bdf3": 2.0}))
-    dashes = {label: line.is_dashed() for label, line in found.items()}
-    assert dashes == {"order 1": False, "order 2": False, "order 9/5 stated": True}
-
-
-def test_rays_have_the_slopes_that_they_say():
-    (axes,) = usual().axes
-    for order in (1, 2):
-        ray = guides(usual())[f"order {order}"]
-        ends = axes.transData.inverted().transform(ray.get_transform().transform(ray.get_xydata()))
-        across, up = np.log(ends[1] / ends[0])
-        assert up / across == pytest.approx(order, rel=1e-6)
-
-
-def test_lost_runs_stand_hollow_at_the_top_above_curves():
-    figure = convergence(status=lost(BDF3, lambda n: n < 64))
-    (panel,) = figure.axes
-    (marks,) = (line for line in panel.lines if str(line.get_label()).startswith("_lost"))
-    assert marks.get_markerfacecolor() == "none"
-    assert list(marks.get_xdata()) == [8.0 / n for n in reversed(LADDER) if n < 64]
-    top = panel.transAxes.inverted()
-    for line in lines(figure):
-        inside = line.get_transform().transform(line.get_xydata()[np.isfinite(line.get_ydata())])
-        assert top.transform(inside)[:, 1].max() < min(marks.get_ydata())
-
-
-def test_round_off_is_hatched_only_where_it_is_reached():
-    reached = FIGURES["round-off-reached"]()
-    assert any(patch.get_hatch() for patch in reached.axes[0].patches)
-    assert not any(patch.get_hatch() for patch in usual().axes[0].patches)
-
-
-def test_nothing_is_written_too_small_to_read():
-    made = [
-        plotting.interpolation_figure(),
-        saturated(),
-        usual(),
-        plotting.error_figure(*made_study()),
-    ]
-    for figure in made:
-        assert figure.get_figwidth() == pytest.approx(85 / 25.4)
-        sizes = [text.get_fontsize() for text in figure.findobj(mpl.text.Text) if text.get_text()]
-        assert min(sizes) >= 7
+def test_any_style_of_matplotlib_may_be_used():
+    with plotting.styled("dark_background"):
+        dark = plotting.interpolation_figure()
+    assert dark.get_facecolor()[:3] == (0.0, 0.0, 0.0)
+    assert plotting.interpolation_figure().get_facecolor()[:3] == (1.0, 1.0, 1.0)
+    with pytest.raises(OSError, match="nowhere"), plotting.styled("nowhere"):
+        pass

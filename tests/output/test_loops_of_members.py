@@ -5,7 +5,7 @@ import pytest
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.plotting.motions.section import hysteresis_figure
+from fvi_cli.plotting.kinds.planes import hysteresis_figure
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.writers.text import to_markdown
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -145,3 +146,18 @@ def test_gradient_and_hessian_are_derivatives_of_the_energy(kind, keys):
         assert potential.gradient(q)[i] == pytest.approx(slope, rel=1e-8)
         curvature = (potential.gradient(up) - potential.gradient(down)) / (2 * step)
         assert potential.hessian(q)[i] == pytest.approx(curvature, rel=1e-8)
+
+
+def test_a_pattern_of_the_ground_is_that_of_every_node():
+    rng = np.random.default_rng(1)
+    root = rng.normal(size=(6, 6))
+    keys = {"mass": root @ root.T + np.eye(6), "stiffness": 9.0 * np.eye(6), "final_time": 1.0}
+    keys["ground_acceleration"] = "sin(3*t)"
+    times = np.linspace(0.0, 1.0, 5)
+    alike = [fvi.structure(**keys, ground_direction=r) for r in ([1, 0], [1, 0, 1, 0, 1, 0])]
+    found, known = (scene.forcing(times) for scene in alike)
+    assert np.array_equal(found, known)
+    other = fvi.structure(**keys, ground_direction=1.0).forcing(times)
+    assert np.abs(other - found).max() > 0.1
+    with pytest.raises(ValueError, match="ground_direction: 4 entries for 6 degrees"):
+        fvi.structure(**keys, ground_direction=[1, 0, 0, 1])

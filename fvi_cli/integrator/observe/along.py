@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, Mask, Places
-from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.mathematics.series.chebyshev import (
+from fvi_cli.mathematics.chebyshev import (
     products_of_series,
     roots_of_series,
     second_kind_points,
     slopes_of_series,
     to_coefficients,
 )
+from fvi_cli.mathematics.expressions import Expression
 
 Values = Mapping[str, Array | float]
 Variables = Callable[[Places, Array, bool], Values]

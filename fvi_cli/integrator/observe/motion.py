@@ -23,7 +23,7 @@ from fvi_cli.effects.potential import gradient_part
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.series.chebyshev import evaluate_series
+from fvi_cli.mathematics.chebyshev import evaluate_series
 
 Columns = tuple[int, ...]
 """Numbers of coordinates, from 0; only these are evaluated."""

@@ -26,7 +26,7 @@ from fvi_cli.integrator.stability.determinants import (
     step_determinants,
 )
 from fvi_cli.integrator.stability.patterns import has_patterns
-from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
+from fvi_cli.mathematics.zeros import UNDECIDED, count_zeros
 
 Verdict = Literal["stable", "unstable", "unknown"]
 

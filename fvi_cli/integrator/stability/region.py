@@ -14,7 +14,7 @@ import numpy as np
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.determinants import LinearSystems, step_determinants
 from fvi_cli.mathematics.arrays import Array, Integers
-from fvi_cli.mathematics.transforms.zeros import UNDECIDED, count_zeros
+from fvi_cli.mathematics.zeros import UNDECIDED, count_zeros
 
 GROWTH_LEVELS = (1e-3, 1e-2, 1e-1, 1.0)
 """Growth per step, as logarithms, between which a map distinguishes points of the plane."""

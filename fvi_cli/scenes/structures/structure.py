@@ -11,8 +11,9 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import is_sparse, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import ground_force
-from fvi_cli.scenes.data import SceneData, linear_oscillator, per_coordinate, scene_function
+from fvi_cli.scenes.data import SceneData, linear_oscillator, scene_function
 from fvi_cli.scenes.structures.matrix_keys import matrix_of
 from fvi_cli.scenes.structures.rayleigh import Rayleigh, rayleigh_damping
 
@@ -33,7 +34,8 @@ def structure(
               + K x = f(t) - M r a(t)
 
     `mass` and `stiffness` are numbers, matrices or mappings of files, `rayleigh` gives a, b and
-    :math:`\gamma`; a(t) has one component, r has shape ``(d,)`` or is a number.
+    :math:`\gamma`; a(t) has one component. r has shape ``(d,)``, or is a number or a pattern that
+    is repeated: ``[1, 0]`` shakes the first of the two coordinates of every node.
     """
     found = [matrix_of(one, 1) for one in (mass, stiffness)]
     given = np.size(data.get("initial_position", 0.0))
@@ -45,11 +47,25 @@ def structure(
     if rayleigh is not None:
         damping.append(rayleigh_damping(m, k, rayleigh))
     if ground_acceleration is not None:
-        along = per_coordinate(ground_direction, size)
-        if along.shape != (size,):
-            raise ArgumentError(
-                "ground_direction", f"{along.size} entries for {size} degrees of freedom"
-            )
+        along = ground_shares(ground_direction, size)
         data["forcing"] = ground_force(ground_acceleration, times(along, m))
     data["damping"] = damping
     return linear_oscillator(mass=m, stiffness=k, **data)
+
+
+def ground_shares(direction: ArrayLike, size: int) -> Array:
+    """The share r of the ground's motion in every coordinate, by a number, a list or a pattern.
+
+    Raises
+    ------
+    ArgumentError
+        If a pattern does not fit the number of coordinates.
+    """
+    pattern = np.atleast_1d(np.asarray(direction, dtype=float)).ravel()
+    if pattern.size == 0 or size % pattern.size:
+        raise ArgumentError(
+            "ground_direction",
+            f"{pattern.size} entries for {size} degrees of freedom; write one for each, or a "
+            "pattern that is repeated",
+        )
+    return np.tile(pattern, size // pattern.size)

@@ -19,7 +19,7 @@ from fvi_cli.integrator.gradients.quantity import Formula, MotionAt
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.scenes.data import per_coordinate
+from fvi_cli.scenes.structures.structure import ground_shares
 from fvi_cli.studies.fits.settings import Amplitude, DataSet
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.response import ground_amplitude, harmonic_force
@@ -130,7 +130,7 @@ def _displacements(
     load = np.broadcast_to(force(scene)[:, None], (s.size, scene.dimension, 1))
     response = solve(load.astype(complex))[..., 0]
     left = np.zeros((*response.shape, len(parameters)), dtype=complex)
-    along = per_coordinate(ground_direction, scene.dimension)
+    along = ground_shares(ground_direction, scene.dimension)
     for column, one in enumerate(parameters):
         for symbol, matrix in symbol_rates(scene, one, s):
             left[..., column] -= symbol[:, None] * (response @ matrix)

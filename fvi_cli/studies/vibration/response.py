@@ -15,7 +15,7 @@ from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.scenes.data import per_coordinate
+from fvi_cli.scenes.structures.structure import ground_shares
 from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.peaks import (
@@ -155,7 +155,7 @@ def harmonic_force(
     """
     where, amplitude = _place_and_amplitude(text)
     if where == GROUND:
-        along = per_coordinate(ground_direction, scene.dimension)
+        along = ground_shares(ground_direction, scene.dimension)
         return np.asarray(-amplitude * times(along, scene.inertia.form))
     return np.asarray(amplitude * forms_of([where], coordinates)[0])
 

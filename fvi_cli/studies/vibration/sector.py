@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.mathematics.transforms.zeros import OneFunction, changes_of_argument
+from fvi_cli.mathematics.zeros import OneFunction, changes_of_argument
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 
 FIRST_STEPS = 4

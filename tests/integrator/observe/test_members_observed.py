@@ -12,7 +12,7 @@ from fvi_cli.integrator.observe import motion
 from fvi_cli.integrator.observe.along import AT_A_TIME
 from fvi_cli.integrator.observe.request import Observations, observations
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.series.chebyshev import evaluate_series
+from fvi_cli.mathematics.chebyshev import evaluate_series
 from fvi_cli.scenes.data import duffing
 
 FINAL_TIME, COUNT = 6.0, 18

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 import fvi_cli as fvi
 from fvi_cli.integrator.observe import motion
-from fvi_cli.mathematics.series.chebyshev import evaluate_series
+from fvi_cli.mathematics.chebyshev import evaluate_series
 
 D, STEPS, FINAL_TIME = 60, 120, 2.0
 NEIGHBOURS = np.eye(D, k=1) + np.eye(D, k=-1)

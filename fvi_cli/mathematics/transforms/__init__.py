@@ -1,1 +1,0 @@
-"""Zeros of characteristic functions and inverse Laplace transforms."""

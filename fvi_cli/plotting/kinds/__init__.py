@@ -1,0 +1,1 @@
+"""The kinds of figures: what each of them shows."""

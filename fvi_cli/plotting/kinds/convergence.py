@@ -1,0 +1,242 @@
+"""Errors against step size, and what accuracy costs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.plotting.draw import figure
+from fvi_cli.plotting.kinds.members import bar_of, member_curves, members_title
+from fvi_cli.plotting.ladders import finish_ladders, ladder
+from fvi_cli.plotting.looks import method_looks, method_names
+from fvi_cli.plotting.panels import Curve, Panel
+from fvi_cli.plotting.words import fraction_in_words
+from fvi_cli.reports.naming import with_unit
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import kind_title
+from fvi_cli.studies.cost import CostRow, CostTable
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.norms import Norm
+
+Study = tuple[Experiment, Sequence[FinishedRun]]
+Cost = Callable[[CostRow], float]
+
+NORM_LABELS: dict[Norm, str] = {
+    "max": r"$\mathrm{max}_k\,|x_k - x(t_k)|$",
+    "final": r"$|x_N - x(T)|$",
+    "l2": r"$(\Sigma_k\,h_k\,|x_k - x(t_k)|^2)^{1/2}$",
+}
+_HEIGHT = 2.9
+
+
+def convergence_figure(studies: Sequence[Study]) -> Figure:
+    """Draw the error of every run against its step size, a panel for each experiment and degree.
+
+    Methods without a degree of their own, such as Gauss, are in every panel of their experiment.
+    """
+    if not any(finished for _, finished in studies):
+        raise ValueError("finished runs: none were given; a convergence figure needs at least one")
+    titles = _titles([experiment for experiment, _ in studies])
+    panels = [
+        Panel(
+            curves=error_curves(own, names=method_names([one.run.method for one in own])),
+            title=f"{title}, degree {degree}" if degree else title,
+            x=step_label(experiment),
+            y=error_label(experiment.norm, experiment.units),
+            **explained(own),
+        )
+        for title, (experiment, finished) in zip(titles, studies, strict=True)
+        for degree, own in by_degree(finished).items()
+    ]
+    return ladder_figure(panels, is_shared=len(studies) == 1)
+
+
+def ladder_figure(panels: Sequence[Panel], *, is_shared: bool, heading: str = "") -> Figure:
+    """A figure of ladders: one in a column, several in rows of two or three."""
+    columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
+    padded = [*panels, *[None] * (-len(panels) % columns)]
+    rows = [padded[k : k + columns] for k in range(0, len(padded), columns)]
+    return figure(
+        rows,
+        ladder,
+        height=_HEIGHT if columns < 3 else 2.2,
+        is_wide=columns > 1,
+        sharey=is_shared,
+        finish=finish_ladders,
+        heading=heading,
+    )
+
+
+def by_degree(finished: Sequence[FinishedRun]) -> dict[int, list[FinishedRun]]:
+    """The runs of every degree of BDF; 0 where there is only one."""
+    degrees = {one: degree_of(one.run.method) for one in finished}
+    every = sorted(set(degrees.values()) - {0})
+    if len(every) < 2:
+        return {0: list(finished)}
+    return {degree: [one for one in finished if degrees[one] in (0, degree)] for degree in every}
+
+
+def degree_of(method: AnyMethod) -> int:
+    """The degree of a BDF method; 0 of methods that have no choice of it."""
+    return 0 if isinstance(method, Baseline) or method.is_runge_kutta else method.degree
+
+
+def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, str]) -> list[Curve]:
+    """Errors by method over the step size; lines are broken where a run has none.
+
+    An error of exactly zero is drawn below the floor.
+    """
+    by_case: dict[str, list[FinishedRun]] = {}
+    for item in sorted(finished, key=lambda item: item.run.step_size):
+        by_case.setdefault(item.run.method.case, []).append(item)
+    looks = method_looks([item.run.method for item in finished])
+    return [
+        Curve(
+            x=np.array([one.run.step_size for one in rows]),
+            y=np.array(
+                [max(one.error, one.floor / 100) if is_measured(one) else np.nan for one in rows]
+            ),
+            label=names[case],
+            look=looks[case],
+            lost=[one.run.step_size for one in rows if not is_measured(one)],
+        )
+        for case, rows in by_case.items()
+    ]
+
+
+def is_measured(one: FinishedRun) -> bool:
+    """Whether a run has an error that is drawn."""
+    return one.status in ("ok", "floor") and bool(np.isfinite(one.error))
+
+
+def explained(finished: Sequence[FinishedRun]) -> dict[str, Any]:
+    """Orders of theory and of the source for a panel, and the floor if a run reaches it."""
+    able = [one for one in finished if one.status == "ok"]
+    finest = {one.run.method: one for one in sorted(able, key=lambda one: -one.run.step_size)}
+    stated = (one.run.experiment.claim(one.run.method) for one in finest.values())
+    claims = {claim for claim in stated if claim is not None}
+    orders = {one.expected_order for one in finest.values() if math.isfinite(one.expected_order)}
+    floors = [one.floor for one in finished if is_measured(one) and one.error < one.floor]
+    return {
+        "orders": sorted(orders),
+        "stated": sorted(claims - orders),
+        "floor": max(floors, default=0.0),
+    }
+
+
+def step_label(experiment: Experiment) -> str:
+    """The label of the axis of step sizes; for graded meshes these are means."""
+    words = "step size $h$" if experiment.grading == 1.0 else "mean step size $h = T/N$"
+    return with_unit(words, experiment.units, "time")
+
+
+def error_label(norm: Norm, units: Mapping[str, str]) -> str:
+    """The label of the axis of errors."""
+    label = f"error {NORM_LABELS[norm]}"
+    if norm != "l2":
+        return with_unit(label, units, "length")
+    has_unit = {"length", "time"} <= units.keys()
+    return rf"{label} ({units['length']} {units['time']}$^{{1/2}}$)" if has_unit else label
+
+
+def _titles(experiments: Sequence[Experiment]) -> list[str]:
+    """Kind and damping orders of every experiment; its name if others have the same."""
+    titles = []
+    for experiment in experiments:
+        problem = experiment.problem
+        title = kind_title(problem.kind)
+        if problem.kind == "lagrangian" or (isinstance(problem, Problem) and problem.scene.laws):
+            title = experiment.name.replace("-", " ")
+        elif isinstance(problem, Problem) and problem.scene.damping:
+            orders = dict.fromkeys(fraction_in_words(term.order) for term in problem.scene.damping)
+            title += rf", $\gamma = {', '.join(orders)}$"
+        titles.append(title)
+    return [
+        title if titles.count(title) == 1 else experiment.name
+        for title, experiment in zip(titles, experiments, strict=True)
+    ]
+
+
+def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the errors of members against the step size, one panel for each method."""
+    having = [one for one in finished if is_measured(one) and one.error > 0]
+    ladders: dict[str, dict[int, list[FinishedRun]]] = {}
+    for one in sorted(having, key=lambda one: one.run.step_size):
+        number = -1 if one.run.member is None else one.run.member.number
+        ladders.setdefault(one.run.method.case, {}).setdefault(number, []).append(one)
+    names = method_names([one.run.method for one in having])
+    panels = [
+        Panel(
+            title=names[case],
+            x=step_label(experiment),
+            y=error_label(experiment.norm, experiment.units),
+            curves=member_curves(
+                experiment,
+                [
+                    (
+                        rows[0],
+                        np.array([one.run.step_size for one in rows]),
+                        np.array([one.error for one in rows]),
+                    )
+                    for _, rows in sorted(members.items())
+                ],
+            ),
+            orders=explained([one for rows in members.values() for one in rows])["orders"],
+        )
+        for case, members in ladders.items()
+    ]
+    most = max(len(members) for members in ladders.values())
+    bar = bar_of(experiment, most)
+    return figure(
+        [panels],
+        ladder,
+        height=_HEIGHT if len(panels) < 3 else 2.2,
+        is_wide=len(panels) > 1,
+        sharey=True,
+        bar=bar,
+        heading=members_title(experiment),
+        finish=finish_ladders,
+    )
+
+
+def cost_figure(tables: Sequence[CostTable]) -> Figure:
+    """Least time, and history operations, against the error; a row for every experiment."""
+    costs: list[tuple[str, Cost]] = [("least time (s)", lambda row: row.seconds)]
+    if any(row.history_operations for table in tables for row in table.rows):
+        costs.append(("multiply-adds on the history", lambda row: row.history_operations))
+    rows = [
+        [
+            Panel(
+                curves=_cost_curves(table, cost),
+                x=error_label(table.experiment.norm, table.experiment.units),
+                y=label,
+                title=table.experiment.name if len(tables) > 1 else "",
+            )
+            for label, cost in costs
+        ]
+        for table in tables
+    ]
+    return figure(rows, ladder, height=_HEIGHT, is_wide=len(costs) > 1, finish=finish_ladders)
+
+
+def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
+    """The figure of a configuration, by the name of its file."""
+    return {f"{name}-cost": cost_figure(tables)}
+
+
+def _cost_curves(table: CostTable, cost: Cost) -> list[Curve]:
+    """The runs of every method as points of error and cost; an error of 0 is below the floor."""
+    methods = [row.run.method for row in table.rows]
+    looks, names, curves = method_looks(methods), method_names(methods), []
+    for case in looks:
+        rows = [r for r in table.rows if r.run.method.case == case and r.is_usable and cost(r) > 0]
+        if rows:
+            errors = np.array([max(r.error, r.floor / 100) for r in rows])
+            costs = np.array([float(cost(r)) for r in rows])
+            curves.append(Curve(x=errors, y=costs, label=names[case], look=looks[case]))
+    return curves

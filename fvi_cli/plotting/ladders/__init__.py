@@ -1,1 +1,0 @@
-"""Figures of errors against step size or cost: curves, floors, slopes."""
