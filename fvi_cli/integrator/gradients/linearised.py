@@ -32,6 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import PIECE, DampingAlong, pieces_of_equal_steps
 from fvi_cli.integrator.decoupling import Decoupling
@@ -462,7 +463,7 @@ def maps_of_steps(
     stiffness = at.stiffness if at.stiffness.ndim == 4 else at.stiffness[:, None]
     stiffness = np.broadcast_to(stiffness, (n, m, d, d))
     damp = h * (t.test_weights[:-1] @ local[:, which] @ to_inputs)
-    matrices = [one.matrices for one in damping.combinations]
+    matrices = [dense(one.matrix) for one in damping.combinations]
     inverse = np.linalg.inv(step_matrix(unit, at, h, list(damp), matrices))
     by_load = np.concatenate([-inverse, np.zeros((n, s * d, d))], axis=2)
     # at a stage K and C act on the position at the beginning as on the displacement from there
@@ -510,7 +511,9 @@ def _arranged(damping: Damping, by_state: Array, by_load: Array, count: int) -> 
     whole[:, of_position, :d] += np.tile(np.eye(d), (count, 1))
     whole[:, -d:, d : 2 * d] += np.eye(d)
     by_force = whole[..., 2 * d :].reshape(k, -1, d)
-    terms = [np.matmul(by_force, one.matrices).reshape(k, rows, -1) for one in damping.combinations]
+    terms = [
+        np.matmul(by_force, dense(one.matrix)).reshape(k, rows, -1) for one in damping.combinations
+    ]
     whole = np.concatenate([whole[..., : 2 * d], *terms], axis=2)
     order = np.arange(rows)
     inner, last = order[of_position][:-d], order[of_position][-d:]

@@ -57,21 +57,15 @@ class ExponentialKernels(Kernels):
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States after the first `count` steps."""
-        change, intake = self._of_first(count)
+        change = self.change if count == self.count else self.step.changes(count)
         found = change[:, None] * states
-        found += np.matmul(intake, inputs)
+        found += np.matmul(self.intake[:, (self.count - count) * self.n_inputs :], inputs)
         found += states
         return np.asarray(found)
 
     def change_of_all(self, count: int) -> Array:
         """The matrix P - 1, which is diagonal."""
-        return np.diag(self._of_first(count)[0])
-
-    def _of_first(self, count: int) -> tuple[Array, Array]:
-        """Change and intake of the first `count` steps."""
-        if count == self.count:
-            return self.change, self.intake
-        return self.step.changes(count), self.intake[:, (self.count - count) * self.n_inputs :]
+        return np.diag(self.step.changes(count))
 
 
 class Exponentials:

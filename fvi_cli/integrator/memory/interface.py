@@ -100,19 +100,6 @@ class Combination:
         )
         return replace(plain, weights=plain.combine(memory.weights))
 
-    @property
-    def matrices(self) -> Array:
-        """D of every member, ``(q, e, e)``.
-
-        Raises
-        ------
-        TypeError
-            For one large structure.
-        """
-        if isinstance(self.matrix, np.ndarray):
-            return self.matrix
-        raise TypeError("matrix: a large structure has no dense matrix")
-
     def combine(self, by_term: Array) -> Array:
         """Combine values that are given for every term, ``(K, ...)`` to ``(q or 1, ...)``."""
         if self.places.size == 1 and self.factors.item() == 1.0:

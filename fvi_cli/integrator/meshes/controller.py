@@ -19,8 +19,11 @@ MOST_SHORTEST = 256.0
 """Bound on ``shortest_step * sum(1 / h_n)`` of an adaptive run, for which its memory is chosen."""
 STEPS_PER_OCTAVE = 4
 """Step sizes are powers of the fourth root of 2, so that the tables of a size are used again."""
-SAFETY, SHRINKAGE, GROWTH = 0.85, 0.2, 8.0
-"""The next size is 0.85 of the one that the estimate allows, 0.2 to 8 times the last one."""
+SAFETY, SHRINKAGE, GROWTH = 0.9, 0.2, 32.0
+"""The next size is 0.9 of the one that the estimate allows, 0.2 to 32 times the last one.
+
+Five small problems at four tolerances take 465 steps, rejected ones included; safety .8 to .95 and
+growth 8 to 1,000 take 463 to 513."""
 ROUND_OFF = 1e-14
 """Relative to the position; no step is rejected for a smaller error."""
 
@@ -33,9 +36,8 @@ class AdaptiveSteps:
     its velocity leave out, what shows between its stages
     (:mod:`~fvi_cli.integrator.meshes.local_error`) and what two looks find between those points
     (:mod:`~fvi_cli.integrator.meshes.looks`). The next size is
-    :math:`0.85\, h\, (tol / est)^{1/(m+1)}`, at most eight times as long; while steps grow, the
-    order m + 1 is that which successive estimates show, but not less than half of it. Break points
-    and samples of a force are points of the mesh.
+    :math:`0.9\, h\, (tol / est)^{1/(m+1)}`, at most 32 times as long. Break points and samples
+    of a force are points of the mesh.
 
     Parameters
     ----------
@@ -87,7 +89,6 @@ class StepController:
         self._first, self._longest = min(first, 0.1 * shortest_part), steps.max_step
         self.shortest_step = min(SHORTEST_STEP * final_time, self._first)
         self._size = self._intended = self._first
-        self._before = math.inf, 0.0  # size and estimate of the step before; none: it is fresh
         # where the next step begins, and whether that is the start or a break point
         self.time, self.is_fresh = 0.0, True
         self.rejected = 0  # number of rejected steps
@@ -120,14 +121,6 @@ class StepController:
         tolerance, is_solved = self.tolerance_for(scale), math.isfinite(estimate)
         factor = (tolerance / max(estimate, 1e-300)) ** self._exponent if is_solved else 0.0
         is_accepted = is_solved and (estimate <= tolerance or size <= self.shortest_step)
-        if is_accepted:
-            # steps that grow behind a singular point err by the power with which the motion begins;
-            # half of the order is left to the points, whose error is like the square of this one
-            shorter, less = self._before
-            if size >= 2 * shorter and less > 0 and estimate < tolerance:
-                seen = math.log(max(estimate, less) / less, size / shorter)
-                factor **= min(2.0, max(1.0, 1.0 / (self._exponent * max(seen, 1e-300))))
-            self._before = size, estimate
         self._size = size * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
         if not is_accepted:
             self.rejected += 1
@@ -142,5 +135,5 @@ class StepController:
         self._size = max(self._size, self._intended)
         self.time = self._ends.pop(0)
         if self.time in self._breaks:
-            self.is_fresh, self._size, self._before = True, self._first, (math.inf, 0.0)
+            self.is_fresh, self._size = True, self._first
         return True

@@ -53,15 +53,16 @@ class StepForces:
     def __init__(self, scene: Scene, stages: int) -> None:
         self._scene, self._is_nonlinear = scene, not scene.is_linear
         mass, potential = scene.inertia.form, scene.potential
+        self._resolve = None
+        if scene.is_sparse and isinstance(potential, QuadraticPotential):
+            stiffness = potential.form
 
-        @lru_cache(maxsize=KEPT)
-        def solve_resolved(size: float) -> Solve:
-            """Accelerations by the forces that a step of this size resolves."""
-            assert isinstance(potential, QuadraticPotential)
-            return solver(mass + (size / stages) ** 2 * potential.form)
+            @lru_cache(maxsize=KEPT)
+            def resolve(size: float) -> Solve:
+                """Accelerations by the forces that a step of this size resolves."""
+                return solver(mass + (size / stages) ** 2 * stiffness)
 
-        has_stiff_modes = scene.is_sparse and isinstance(potential, QuadraticPotential)
-        self._solve_resolved = solve_resolved if has_stiff_modes else None
+            self._resolve = resolve
 
     def piece(self, path: StepPath) -> ForcingPiece | None:
         """The piece of the forcing that acts in a step; None where it is zero."""
@@ -93,8 +94,8 @@ class StepForces:
     def accelerations(self, path: StepPath, forces: Array) -> Array:
         """Accelerations by forces ``(n, d)`` in a step: the part of them that it resolves."""
         scene = self._scene
-        if self._solve_resolved is not None:
-            return np.asarray(self._solve_resolved(path.size)(forces.T).T)
+        if self._resolve is not None:
+            return np.asarray(self._resolve(path.size)(forces.T).T)
         if scene.lagrangian is None:
             return scene.inertia.velocity(forces)
         velocity = Places.of(len(path.unknowns), np.array([0.5])).slopes[0] @ path.unknowns
@@ -106,6 +107,6 @@ class StepForces:
 
     def resolved(self, path: StepPath, values: Array) -> Array:
         """The part of displacements or velocities ``(n, d)`` that a step resolves."""
-        if self._solve_resolved is None:
+        if self._resolve is None:
             return values
         return self.accelerations(path, times(values, self._scene.inertia.form))

@@ -69,15 +69,6 @@ def _diagonalised(m: int, digits: int) -> tuple[list[mp.mpf], list[mp.mpc], mp.m
         return weights, values, vectors, mp.inverse(vectors)
 
 
-def local_power(m: int, theta: float) -> Array:
-    """The power of the matrix of the Gauss method, by its eigenvectors."""
-    digits = _whole_hundreds(_DIGITS + 4 * m)
-    with mp.workdps(digits):
-        _, values, vectors, inverse = _diagonalised(m, digits)
-        power = vectors * mp.diag([v ** mp.mpf(theta) for v in values]) * inverse
-        return _rounded(power)
-
-
 def mesh_power(steps: Array, m: int, theta: float) -> Array:
     """The matrix ``I^theta`` of the mesh with these steps, shape ``(N m, N m)``."""
     return mesh_function(steps, m, lambda value: value ** mp.mpf(theta))

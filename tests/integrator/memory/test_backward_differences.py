@@ -60,10 +60,3 @@ def test_forty_digits_say_the_same():
         exact = [sum(power[k] * binomial[n - k] for k in range(n + 1)) for n in lags.tolist()]
     found = far_weights(6, 1000, lags)[1]
     assert np.abs(found / np.array([float(one) for one in exact]) - 1.0).max() < 2e-14
-
-
-def test_few_weights_and_integer_orders_need_no_exponentials():
-    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2]).rates.size == 0
-    assert lag_exponentials(2, (0.5,), NEAR_LAGS[2] + 1).rates.size > 0
-    assert lag_exponentials(3, (1.0,), 10**6).rates.size == 0
-    assert lag_exponentials(3, (1.0,), 10**6).near == 3

@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
-from mesh_powers import Array, gauss_operator, local_power, mesh_power, meshes
+from mesh_powers import Array, gauss_operator, mesh_power, meshes
 from runge_kutta_symbol import tableau
 from spread import spread
 
@@ -59,16 +59,6 @@ def block_error(result: Array, exact: Array, m: int) -> float:
     sizes = np.abs(exact).reshape(shape).max(axis=(1, 3))
     lower = np.tril_indices(n)
     return float((errors[lower] / sizes[lower]).max())
-
-
-@spread(few=3, m=[1, 2, 3, 5, 8, 10], theta=[-0.98, -0.5, -0.02, 0.02, 0.5, 0.98, 1 - 1e-6])
-def test_local_blocks_are_powers_of_the_matrix_of_the_method(m, theta):
-    exact = local_power(m, theta)
-    error = (
-        np.abs(gauss_operator(m).local_blocks(theta, np.ones(1))[0] - exact).max()
-        / np.abs(exact).max()
-    )
-    assert error < 3e-14
 
 
 @spread(few=2, **{"m, n": [(1, 12), (2, 7), (3, 5), (6, 3), (10, 2)]}, kind=KINDS)
@@ -225,28 +215,6 @@ def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
             stored + dissipated, rel=0, abs=1e-11 * (dissipated + abs(work))
         )
         states = following
-
-
-@pytest.mark.parametrize(
-    ("ratio", "steps", "accuracy", "most"),
-    [
-        (1e2, None, 1e-13, 90),
-        (1e4, None, 1e-13, 125),
-        (1e7, 300, 1e-13, 135),
-        (1e4, None, 1e-10, 95),
-    ],
-)
-def test_few_rates_are_enough(ratio, steps, accuracy, most):
-    for theta in (-0.98, -0.02, 0.5, 0.98):
-        kernel = power_kernel(
-            (theta,), shortest_step=1.0, final_time=ratio, stages=8, steps=steps, accuracy=accuracy
-        )
-        assert kernel.rates.size <= most
-
-
-def test_kernels_are_shared():
-    kernel = power_kernel([0.5], shortest_step=0.6, final_time=9.0, stages=3)
-    assert kernel is power_kernel([0.5], shortest_step=0.7, final_time=10.0, stages=3)
 
 
 def test_rates_serve_all_exponents_and_weights_are_those_of_each():

@@ -14,16 +14,14 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
-from fvi_cli.effects.laws.law import Law, RelaxationKernel
+from fvi_cli.effects.laws.law import RelaxationKernel
 from fvi_cli.effects.laws.prony import PronyKernel, prony
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory
 from fvi_cli.integrator.memory.interface import Combination
-from fvi_cli.integrator.memory.kernel import power_kernel
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
 
@@ -149,12 +147,6 @@ SCENES = {
 }
 
 
-def fractional_zener_along(coefficient: float) -> Law:
-    return fractional_zener(
-        order=0.5, time=0.2, relaxed=1.0, unrelaxed=3.0, coefficient=coefficient
-    )
-
-
 @pytest.mark.parametrize("name", SCENES)
 def test_laws_have_full_order_in_every_kind_of_scene(name):
     scene, errors = SCENES[name], []
@@ -163,29 +155,6 @@ def test_laws_have_full_order_in_every_kind_of_scene(name):
         run = integrate(scene, Method(cq="gauss", degree=3, start="graded"), n_steps)
         errors.append(float(np.abs(run.position - fine.position[:: 96 // n_steps]).max()))
     assert np.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.15)
-
-
-def test_springpots_and_laws_share_their_rates_and_point_masses_are_their_own():
-    def states(*terms: float | RelaxationKernel) -> int:
-        return power_kernel(terms, shortest_step=1e-3, final_time=10.0, stages=3).rates.size
-
-    cole = ColeCole(order=0.4, time=0.3)
-    alone = states(0.5)
-    assert states(0.5, cole) <= 1.15 * alone
-    masses = PronyKernel(masses=((10.0, 1.0), (1.0, 0.5)))
-    assert states(masses) == 2
-    assert states(0.5, masses) == alone + 2
-    # narrow peaks take a few more rates, and not a finer rule
-    assert states(ColeCole(order=0.99, time=0.3)) <= 2 * alone
-
-
-@pytest.mark.parametrize(
-    ("laws", "verdict"), [(LAWS, "stable"), ((fractional_zener_along(-1.0),), "unknown")]
-)
-def test_passive_laws_are_stable_and_others_are_not_known(laws, verdict):
-    scene = spring(T=4.0, k=9.0, x=1.0, laws=laws)
-    prediction = predict_stability(scene, Method(cq="gauss", degree=3, start="graded"), 8)
-    assert prediction.verdict == verdict
 
 
 def test_equal_steps_have_the_order_of_the_singular_start():

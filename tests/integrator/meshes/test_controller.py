@@ -124,9 +124,8 @@ def test_no_step_is_longer_than_asked_for():
 
 
 @spread(order=[2.5, 3.0], tolerance=[1e-6, 1e-10], scale=[1.0, 100.0])
-def test_steps_grow_by_the_order_that_shows(order, tolerance, scale):
-    """Where errors are like h^order, with less than m + 1 = 5, growing steps are soon as long as
-    allowed."""
+def test_steps_grow_quickly_where_the_order_is_lower(order, tolerance, scale):
+    """Where errors are like h^order, with less than m + 1 = 5."""
     allowed, estimate = (tolerance / scale) ** (1.0 / order), of_order(order, scale)
     one, count = controller(tolerance), 0
     while (size := one.propose()) < 0.4 * allowed:
