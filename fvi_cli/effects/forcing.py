@@ -67,32 +67,34 @@ class ForcingPiece:
 
     def combined(self, time: Array, rows: Array) -> Array:
         """Combinations ``(c, d)`` of the components, from times ``(n,)`` to ``(n, c)``."""
+        weights = np.stack([rows[:, places].sum(axis=1) for _, places in self.distinct], axis=1)
         result = np.zeros((time.size, len(rows)))
-        for column, row in enumerate(rows):
-            for weight, component in self._joined(row):
+        for column, row in enumerate(weights):
+            for weight, component in self._joined(row.tolist()):
                 result[:, column] += weight * component.evaluate({"t": time})
         return result
 
-    def _joined(self, weights: Array) -> list[tuple[float, ForceComponent]]:
+    def _joined(self, weights: Sequence[float]) -> list[tuple[float, ForceComponent]]:
         """Weights and components of a combination; samples at equal times are joined to one."""
         found: list[tuple[float, ForceComponent]] = []
-        alike: dict[tuple[int, bytes], list[tuple[float, SampledForce]]] = {}
-        for one, places in self.distinct:
-            weight = float(weights[places].sum())
-            if weight and isinstance(one, SampledForce) and one.formula is None:
-                alike.setdefault((one.order, self._knots[id(one)]), []).append((weight, one))
-            elif weight:
+        totals: dict[tuple[int, bytes], tuple[SampledForce, Array]] = {}
+        for weight, (one, _), knots in zip(weights, self.distinct, self._knots, strict=True):
+            if not weight:
+                continue
+            if not isinstance(one, SampledForce) or one.formula is not None:
                 found.append((weight, one))
-        for records in alike.values():
-            total = np.asarray(sum(weight * one.coefficients for weight, one in records))
-            found.append((1.0, replace(records[0][1], coefficients=total)))
-        return found
+            elif (key := (one.order, knots)) in totals:
+                totals[key][1][...] += weight * one.coefficients
+            else:
+                totals[key] = (one, weight * one.coefficients)
+        joined = [(1.0, replace(one, coefficients=total)) for one, total in totals.values()]
+        return [*found, *joined]
 
     @cached_property
-    def _knots(self) -> dict[int, bytes]:
-        """The times of samples, as keys."""
-        samples = (one for one, _ in self.distinct if isinstance(one, SampledForce))
-        return {id(one): one.knots.tobytes() for one in samples}
+    def _knots(self) -> list[bytes]:
+        """The times of samples, as keys, in the order of the distinct components."""
+        every = (one for one, _ in self.distinct)
+        return [one.knots.tobytes() if isinstance(one, SampledForce) else b"" for one in every]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

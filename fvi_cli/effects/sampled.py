@@ -31,8 +31,9 @@ class _WithFormula:
         return replace(self, formula=self.formula.plus(formula) if self.formula else formula)
 
     def _with_formula(self, found: Array, time: Array) -> Array:
-        added = 0.0 if self.formula is None else self.formula.evaluate({"t": time})
-        return np.asarray(found + added)
+        if self.formula is None:
+            return found
+        return np.asarray(found + self.formula.evaluate({"t": time}))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -123,7 +124,7 @@ class SampledForce(_WithFormula):
         values = self.coefficients[0, pieces]
         for row in self.coefficients[1:]:
             values = values * offset + row[pieces]
-        return self._with_formula(values, time)
+        return self._with_formula(np.asarray(values), time)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
