@@ -44,6 +44,8 @@ def no_such_file(path: Path, name: str) -> str:
     """The complaint about a missing file, with the most similar name in its folder."""
     files = [one.name for one in path.parent.glob("*") if one.is_file()]
     near = suggestion(path.name, files) or "; paths begin at the folder of the configuration"
+    if "\\" in name:
+        near = "; write / in place of \\"
     return f"{name}: cannot be read: no such file{near}"
 
 
