@@ -20,7 +20,7 @@ from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.kinds.vibration import mode_report, response_report
-from fvi_cli.reports.writers.text import to_text
+from fvi_cli.reports.writers import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
 from fvi_cli.studies.cost import CostTable

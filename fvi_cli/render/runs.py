@@ -17,8 +17,7 @@ from fvi_cli.reports.kinds.quantities import (
     shown_errors,
 )
 from fvi_cli.reports.table import About, Column, grid_of
-from fvi_cli.reports.writers.text import aligned as grid_as_text
-from fvi_cli.reports.writers.text import to_text
+from fvi_cli.reports.writers import grid_as_text, to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
 from fvi_cli.storage.fields import counts_in, extents_in, values_of

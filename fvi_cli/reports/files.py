@@ -6,8 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fvi_cli.reports.table import Report, Row, Sheet, Value, Within
-from fvi_cli.reports.writers import csv_name, rendered
-from fvi_cli.reports.writers.data import as_value, as_word, csv_columns, read_csv
+from fvi_cli.reports.writers import as_value, as_word, csv_name, read_csv, rendered
 from fvi_cli.storage.files import explain_os_error, replace_file
 
 Key = tuple[str, ...]
@@ -47,7 +46,7 @@ def compare(directory: Path, report: Report) -> list[str]:
 
 def _differences(text: str, sheet: Sheet) -> Iterator[str]:
     names, lines = read_csv(text)
-    columns = csv_columns(sheet)
+    columns = sheet.written
     if names != [one.name for one in columns] or any(len(line) != len(names) for line in lines):
         yield f"its columns are not {','.join(one.name for one in columns)}"
         return

@@ -103,9 +103,9 @@ def with_unit(label: str, units: Mapping[str, str], *names: str) -> str:
 
 
 def with_ratio(label: str, units: Mapping[str, str], above: str, below: str) -> str:
-    """A label with the unit of a response, such as metres per newton."""
+    """A label with the unit of a response, such as metres per newton; none of a pure number."""
     known = all_units(units)
-    has_unit = {above, below} <= known.keys()
+    has_unit = {above, below} <= known.keys() and above != below
     return f"{label} ({known[above]} per {known[below]})" if has_unit else label
 
 

@@ -115,8 +115,8 @@ def pivot(
     corner: Sequence[str],
     headings: Mapping[str, Sequence[str]],
     absent: str = "-",
-    summary: Iterable[tuple[tuple[str, ...], Mapping[str, Sequence[str]]]] = (),
-    **layout: Any,
+    foot: Iterable[tuple[tuple[str, ...], Mapping[str, Sequence[str]]]] = (),
+    text_columns: int | None = None,
 ) -> Grid:
     """A grid of cells: a line for all cells with the same first words; `headings` by column."""
     lines: dict[tuple[str, ...], dict[str, Sequence[str]]] = {}
@@ -127,12 +127,11 @@ def pivot(
         own = (found.get(c, (absent, *[""] * (len(t) - 1))) for c, t in headings.items())
         return (*begin, *(text for texts in own for text in texts))
 
-    layout.setdefault("text_columns", len(corner))
     return Grid(
         header=(*corner, *(title for titles in headings.values() for title in titles)),
         rows=tuple(line(*one) for one in lines.items()),
-        summary_rows=tuple(line(*one) for one in summary),
-        **layout,
+        foot=tuple(line(*one) for one in foot),
+        text_columns=len(corner) if text_columns is None else text_columns,
     )
 
 
@@ -151,6 +150,11 @@ class Sheet:
     # from a stored and a new row to columns that are round-off there, and are not compared
     below_floor: Callable[[Row, Row], Container[str]] = _no_value
     is_file: bool = True  # whether it has a CSV file
+
+    @property
+    def written(self) -> list[Column]:
+        """The columns that the CSV form has."""
+        return [column for column in self.columns if not column.is_extra]
 
     @classmethod
     def of(

@@ -14,7 +14,7 @@ import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.kinds.quantities import quantities_report
-from fvi_cli.reports.writers.text import to_text
+from fvi_cli.reports.writers import to_text
 
 TEXT = configuration(
     "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "

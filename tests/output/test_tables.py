@@ -1,7 +1,6 @@
 """Order tables say what the runs say, in every form; ``kept/`` has their pages as they are read."""
 
 import csv
-import dataclasses
 import io
 import math
 import os
@@ -18,9 +17,8 @@ from spread import SEED
 
 from fvi_cli.integrator.method import Method
 from fvi_cli.reports.document import Grid
-from fvi_cli.reports.kinds.order_summary import short_titles
 from fvi_cli.reports.kinds.orders import COLUMNS
-from fvi_cli.reports.writers.latex import to_latex
+from fvi_cli.reports.writers import to_latex
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.order import OrderTable
@@ -88,8 +86,7 @@ PAGES: dict[str, Sequence[OrderTable]] = {
     "unfinished": [table_of(name="nothing", count=0), table_of(name="all but one run", count=7)],
     "remarks": [table_of(remarked, BDF1, BDF2, GAUSS3)],
     "entries": [one_case(*rows, experiment=name) for name, rows in ENTRIES.items()],
-    "rectangle": [table_of(powers, *DEGREES[:6])],
-    "no-rectangle": [table_of(powers, *DEGREES[:4], DEGREES[5])],
+    "degrees": [table_of(powers, *DEGREES[:6])],
     "other-methods": [table_of(name="a"), table_of(powers, GAUSS3, name="b"), table_of(name="c")],
 }
 
@@ -139,22 +136,6 @@ def test_a_bound_is_rounded_upwards(seed):
     assert float(f"{2.31e-10:.1e}") < 2.31e-10 < float(round_up(2.31e-10)) == 2.4e-10
 
 
-@pytest.mark.parametrize(
-    ("name", "titles", "short"),
-    [
-        ("table-1", ["table-1-a", "table-1-b"], ["a", "b"]),
-        ("full-order", ["full-a", "full-b"], ["a", "b"]),
-        ("full-order", ["full-a", "other"], ["full-a", "other"]),
-        ("torvik", ["torvik-1-2", "torvik-3-2"], ["torvik-1-2", "torvik-3-2"]),
-        ("torvik-3-2", ["torvik-3-2"], ["torvik-3-2"]),
-        ("table", ["table", "table-a"], ["table", "table-a"]),
-    ],
-)
-def test_titles_lose_what_they_repeat_and_no_more(name, titles, short):
-    made = [dataclasses.replace(SMALL, experiment=title) for title in titles]
-    assert list(short_titles(name, made).values()) == short
-
-
 # --- numbers --------------------------------------------------------------------------------------
 
 
@@ -162,7 +143,10 @@ def test_the_csv_has_one_row_for_every_run_and_numbers_that_read_back():
     made = table_of(lambda run: made_run(run, math.pi * 10.0**-run.n_steps))
     text = rendered("made-up", [made])["csv"]
     rows = list(csv.DictReader(io.StringIO(text)))
-    assert list(rows[0]) == ["experiment", *(column.name for column in COLUMNS)]
+    assert list(rows[0]) == [
+        "experiment",
+        *(column.name for column in COLUMNS if not column.is_extra),
+    ]
     assert [(r["case"], int(r["n_steps"])) for r in rows] == [
         (method.case, n) for method in (BDF1, BDF2) for n in STEPS
     ]
@@ -173,11 +157,3 @@ def test_the_csv_has_one_row_for_every_run_and_numbers_that_read_back():
     assert rendered("a", [table_of(count=0)])["csv"].count("\n") == 1
     plain, numpy = (one_case(row(2, kind(0.1))) for kind in (float, np.float64))
     assert rendered("a", [plain]) == rendered("a", [numpy])
-
-
-# --- grids ---------------------------------------------------------------------
-
-
-def test_a_grid_with_the_wrong_number_of_columns_is_refused():
-    with pytest.raises(ValueError, match="columns"):
-        Grid(header=("a", "b"), rows=(("1",),))

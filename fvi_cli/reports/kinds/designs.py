@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from fvi_cli.reports.document import Block, Paragraph
@@ -20,18 +21,12 @@ LARGE_CHANGE = 100.0
 """Changes from this on are shown as powers of ten."""
 
 
-def _of_extent(one: FinishedRun, quantity: str, what: str) -> float:
-    observed = one.trajectory.observed
-    found = None if observed is None else observed.extents.get(quantity)
-    return math.nan if found is None else float(getattr(found, what))
-
-
 def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     """A row for every design, with columns for peaks and changes; None without designs."""
-    named = [one for one in finished if one.run.member is not None and one.run.member.name]
     by_experiment: dict[str, list[FinishedRun]] = {}
-    for one in named:
-        by_experiment.setdefault(one.run.experiment.name, []).append(one)
+    for one in finished:
+        if one.run.member is not None and one.run.member.name:
+            by_experiment.setdefault(one.run.experiment.name, []).append(one)
     rows: list[About] = []
     for own in by_experiment.values():
         firsts: dict[str, FinishedRun] = {}
@@ -39,27 +34,22 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
             About(of=one, first=firsts.setdefault(repr(_values(one)), one))
             for one in finest_of_members(own)
         ]
-    quantities = dict.fromkeys(
-        name
-        for one in rows
-        if one.of.trajectory.observed is not None
-        for name in one.of.trajectory.observed.extents
-    )
+    seen = [one.of.trajectory.observed for one in rows]
+    quantities = dict.fromkeys(name for one in seen if one is not None for name in one.extents)
     if not quantities:
         return None
-    is_known = any(math.isfinite(one.of.error) for one in rows)
-    is_swept = any(_values(one.of) for one in rows)
-    is_good = all(one.of.status in GOOD for one in rows)
-    several = "experiment" if len(by_experiment) > 1 else ""
     units = rows[0].of.run.experiment.units if len(by_experiment) == 1 else {}
-    tells = member_columns(
-        [one.of.run.member for one in rows], lambda one: one.of.run.member, DESIGN
-    )
-    keys = [one for one in tells if one.title]
+    members = [one.of.run.member for one in rows]
+    tells = member_columns(members, lambda one: one.of.run.member, DESIGN)
     columns = (
-        Column("experiment", "name of the experiment", several, get="of.run.experiment.name"),
-        *keys,
-        Column("values", "swept values", "at" if is_swept else "", get=_label),
+        Column(
+            "experiment",
+            "name of the experiment",
+            "experiment" * (len(by_experiment) > 1),
+            get="of.run.experiment.name",
+        ),
+        *(one for one in tells if one.title),
+        Column("values", "swept values", "at" * any(_values(one.of) for one in rows), get=_label),
         Column("case", "name of the method in files", get="of.run.method.case"),
         Column("method", "its short name", get="of.run.method_label"),
         Column("n_steps", "number N of steps", get="of.run.n_steps"),
@@ -67,15 +57,26 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
         Column(
             "error",
             "error of the position in the experiment's norm, or its estimate for a tolerance",
-            "error of position" if is_known else "",
+            "error of position",
             ".1e",
             None,
             get="of.error",
         ),
-        Column("status", "what was observed", "" if is_good else "status", get="of.status"),
+        Column(
+            "status",
+            "what was observed",
+            "" if all(one.of.status in GOOD for one in rows) else "status",
+            get="of.status",
+        ),
         *(one for one in tells if not one.title),
     )
     return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"), is_file=False)
+
+
+def _extent(one: FinishedRun, quantity: str, what: str) -> float:
+    observed = one.trajectory.observed
+    found = None if observed is None else observed.extents.get(quantity)
+    return math.nan if found is None else float(getattr(found, what))
 
 
 def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
@@ -83,32 +84,19 @@ def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
         if one.first is one.of or one.of.status not in GOOD:
             # the peaks of a failed run cannot be compared
             return None
-        before = _of_extent(one.first, name, "peak")
-        return _of_extent(one.of, name, "peak") / before - 1.0 if before else math.nan
+        before = _extent(one.first, name, "peak")
+        return _extent(one.of, name, "peak") / before - 1.0 if before else math.nan
 
+    def extent(one: About, what: str) -> float:
+        return _extent(one.of, name, what)
+
+    label = with_unit(f"peak {name}", units, name)
+    peak, error = partial(extent, what="peak"), partial(extent, what="error")
+    words = "its change against the first design, as a fraction of that"
     return (
-        Column(
-            f"peak_{name}",
-            with_unit("largest absolute value", units, name),
-            f"peak {name}",
-            ".4g",
-            CLOSE,
-            get=lambda one: _of_extent(one.of, name, "peak"),
-        ),
-        Column(
-            f"peak_{name}_error",
-            "estimated error of the quantity",
-            compared=None,
-            get=lambda one: _of_extent(one.of, name, "error"),
-        ),
-        Column(
-            f"peak_{name}_change",
-            "its change against the first design, as a fraction of that",
-            "change",
-            _percent,
-            _CHANGE,
-            get=change,
-        ),
+        Column(f"peak_{name}", "largest absolute value", label, ".4g", CLOSE, get=peak),
+        Column(f"peak_{name}_error", "estimated error", compared=None, get=error),
+        Column(f"peak_{name}_change", words, "change", _percent, _CHANGE, get=change),
     )
 
 
@@ -128,11 +116,9 @@ def _label(one: Any) -> str:
 
 
 def design_blocks(sheet: Sheet) -> list[Block]:
-    """The table of the designs, and sentences on it."""
+    """The table of the designs with its title."""
     words = sum(bool(one.title) for one in sheet.columns[:3])
-    row = sheet.rows[0]
-    how = f"by {row['method']}, N = {row['n_steps']}"
-    if len({(one["case"], one["n_steps"]) for one in sheet.rows}) > 1:
-        how = "each on its finest grid"
-    note = f"Designs: peaks ({how}) and their change against the first design."
-    return [Paragraph(words=note), sheet.grid(text_columns=words)]
+    return [
+        Paragraph("Designs: peaks and their change against the first design."),
+        sheet.grid(text_columns=words),
+    ]

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
-from fvi_cli.reports.document import Block, Bullets, CodeSpan, Heading, Paragraph
+from fvi_cli.reports.document import Block, Bullets, Heading, Paragraph
 from fvi_cli.reports.table import (
     About,
     Column,
@@ -164,25 +164,25 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
 
 
 def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
-    yield Heading(level=1, words=f"Fit: {name}")
+    yield Heading(1, f"Fit: {name}")
     for result in results:
-        yield Heading(level=2, words=(CodeSpan(result.name),))
+        yield Heading(2, result.name)
         if len(result.models) > 1:
             models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
             items = (About(result=result, model=one) for one in models)
             yield grid_of(MODEL_COLUMNS, items)
         for model in result.models:
             if model.model.name:
-                yield Heading(level=3, words=f"Model: {model.model.name}")
+                yield Heading(3, f"Model: {model.model.name}")
             yield from _estimates(model)
 
 
 def _estimates(model: ModelFit) -> Iterator[Block]:
     if not model.is_converged:
-        yield Paragraph(words=f"No fit: {model.message}. The best point so far:")
+        yield Paragraph(f"No fit: {model.message}. The best point so far:")
     yield grid_of(ESTIMATES, model.estimates)
     if len(model.estimates) > 1 and model.is_converged:
-        yield Paragraph(words="Correlations of the estimates:")
+        yield Paragraph("Correlations of the estimates:")
         yield pivot(
             (
                 ((f"{i + 1} {one.name}",), str(j + 1), (f"{model.correlations[i, j]:+.3f}",))
@@ -194,27 +194,21 @@ def _estimates(model: ModelFit) -> Iterator[Block]:
             absent="",
         )
     if model.series:
-        yield Paragraph(words="".join(_noise(model)))
+        yield Paragraph(_noise(model))
     if model.warnings:
-        yield Bullets(items=tuple(model.warnings))
+        yield Bullets(tuple(model.warnings))
 
 
-def _noise(model: ModelFit) -> Iterator[str]:
-    yield "Noise: "
-    yield (
-        "; ".join(
-            f"{one.data} {one.series.column}: standard deviation {one.deviation:.3g} "
-            f"({one.series.values.size} values)"
-            for one in model.series
-        )
+def _noise(model: ModelFit) -> str:
+    """The noise of every column, and whether the residuals are noise."""
+    columns = "; ".join(
+        f"{one.data} {one.series.column}: {one.deviation:.3g} ({one.series.values.size} values)"
+        for one in model.series
     )
-    yield (
-        f". If the residuals are noise, their correlations have probability {model.whiteness:.2g}."
-    )
-    if model.steps:
-        share = model.discretisation
-        words = "less than 1e-12" if share < 1e-12 else f"{share:.0e}"
-        yield f" Runs of {model.steps} steps err by {words} of the residuals."
+    probability = f"Probability of the residuals if they are noise: {model.whiteness:.2g}."
+    share = f"{model.discretisation:.0e}"
+    steps = f" Runs of {model.steps} steps err by {share} of the residuals." if model.steps else ""
+    return f"Standard deviation of the noise, {columns}. {probability}{steps}"
 
 
 def _digits(value: float, error: float) -> str:

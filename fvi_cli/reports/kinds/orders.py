@@ -1,22 +1,17 @@
-"""The report on orders of convergence, with every error, a column for each method."""
+"""The report on orders of convergence: every error, and the slopes of all methods."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+import statistics
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import SimpleNamespace
 
-from fvi_cli.reports.document import Block, Bullets, CodeSpan, Grid, Heading, Paragraph, Words
-from fvi_cli.reports.kinds.order_summary import (
-    NORMS,
-    orders_in_words,
-    reference_in_words,
-    summary,
-)
-from fvi_cli.reports.kinds.order_sweeps import split_sweeps, sweep_details
-from fvi_cli.reports.naming import listing, member_columns, number
+from fvi_cli.reports.document import Block, Bullets, Grid, Heading, Paragraph
+from fvi_cli.reports.naming import listing, member_columns, members_in_words, number
 from fvi_cli.reports.table import (
     About,
+    Cell,
     Column,
     Report,
     Row,
@@ -26,14 +21,24 @@ from fvi_cli.reports.table import (
     pivot,
     within,
 )
+from fvi_cli.studies.members import counts_in_words
 from fvi_cli.studies.order import OrderCase, OrderTable
 
 ERROR = Within(relative=1e-3)
 """Tolerance for reliable errors."""
-
 RELIABLE = 2000.0
 """Errors above this many floors are equal on every machine."""
-
+MOST_MEMBERS = 32
+"""Up to so many members have a row of their own."""
+NORMS: Mapping[str, str] = {
+    "max": "maximum norm over components and grid points",
+    "final": "maximum norm over components at the final time",
+    "l2": "l2 norm over the grid, weighted by h",
+}
+_SOURCES: Mapping[str, str] = {
+    "expression": "the exact solution, an expression of the configuration",
+    "unknown": "a reference that is not stated",
+}
 _EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment")
 COLUMNS = (
     Column("case", "name of the method in files", get="case.method.case"),
@@ -59,30 +64,24 @@ COLUMNS = (
         ),
         Column("used_in_fit", "whether the slope uses the row"),
     ),
-    *within(
-        "case",
-        Column(
-            "slope",
-            "least-squares slope of log(error) against log(h) over the rows used",
-            compared=None,
-        ),
+    Column(
+        "slope",
+        "least-squares slope of log(error) against log(h) over the rows used",
+        compared=None,
+        get="case.slope",
     ),
     *within(
         "row",
-        Column("expected_order", "order on smooth data"),
+        Column("order_smooth", "order on smooth data", get="expected_order"),
         Column("status", "what was observed"),
         Column("seconds", "of the steps", compared=None),
         Column("history_operations", "multiply-adds on the history", compared=None),
+        Column("floor", "errors below are round-off or the reference's own", is_extra=True),
+        Column("message", "what happened", is_extra=True),
     ),
-)
-EXTRA_COLUMNS = within(
-    "row",
-    Column("floor", "errors below are round-off or the reference's own", "", "", None, "", True),
-    Column("message", "what happened", "", "", None, "", True),
     Column(
         "remarks",
         "what a reader should know",
-        compared=None,
         is_extra=True,
         get=lambda of: "; ".join(of.row.remarks),
     ),
@@ -103,14 +102,14 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         for described in (SimpleNamespace(**case.columns()),)
         for index, row in enumerate(case.rows)
     )
-    columns = (_EXPERIMENT, *swept, *COLUMNS, *EXTRA_COLUMNS)
+    columns = (_EXPERIMENT, *swept, *COLUMNS)
     keys = ("experiment", *(column.name for column in swept), "case", "n_steps")
-    orders = [Heading(level=1, words=f"Orders of convergence: {name}"), *summary(name, tables)]
+    orders = [Heading(1, f"Orders of convergence: {name}"), *_summary(tables)]
     return Report(
         name=name,
         sheets=(Sheet.of("runs", columns, items, keys, below_floor=_below_floor),),
         shown=orders,
-        blocks=[*orders, *_all_details(tables)],
+        blocks=[*orders, *_details(tables)],
         has_latex=True,
     )
 
@@ -124,72 +123,156 @@ def _below_floor(stored: Row, fresh: Row) -> set[str]:
     return {"error", "status", "used_in_fit"} if is_round_off else set()
 
 
-def _all_details(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    single, swept = split_sweeps(tables)
-    for table in single:
-        yield from details(table)
-    for members in swept:
-        yield from sweep_details(members, setting(members))
+def reference_in_words(source: str) -> str:
+    """The reference of errors, in words."""
+    if source.startswith("refined run"):
+        return f"a {source}"
+    if source.startswith("N = "):
+        return source
+    return _SOURCES.get(source, f"the exact solution, {source}")
 
 
-def details(table: OrderTable) -> Iterator[Block]:
-    """Heading, equation, grid of errors and orders, remarks of the runs."""
-    yield Heading(level=2, words=table.experiment)
-    yield Paragraph(words=setting([table]))
-    if not table.cases:
-        yield Paragraph(words="No run is finished.")
-        return
-    yield _grid(table.cases)
-    if remarks := _remarks(table):
-        yield Bullets(items=tuple(remarks))
+# --- the slopes of all experiments ----------------------------------------------------------------
 
 
-def setting(tables: Sequence[OrderTable]) -> Words:
+def _summary(tables: Sequence[OrderTable]) -> Iterator[Block]:
+    """Slopes of all experiments; of the members of a sweep one by one, or summed up."""
+    groups: dict[tuple[str, ...], list[OrderTable]] = {}
+    swept: dict[str, list[OrderTable]] = {}
+    for table in tables:
+        cases = tuple(case.method.case for case in table.cases)
+        if table.swept:
+            swept.setdefault(table.experiment, []).append(table)
+        elif cases:
+            groups.setdefault(cases, []).append(table)
+    for group in groups.values():
+        yield _slopes(group, "problem", lambda table: table.experiment)
+    for name, members in swept.items():
+        found = [table.member for table in members if table.member is not None]
+        yield Paragraph(f"`{name}`: {members_in_words(found)}.")
+        few = len(members) <= MOST_MEMBERS
+        yield _slopes(members, "member", _label) if few else _spread(members)
+    if not groups and not swept:
+        yield Paragraph("No run is finished.")
+
+
+def _label(table: OrderTable) -> str:
+    return "" if table.member is None else table.member.label
+
+
+def _slopes(group: Sequence[OrderTable], corner: str, name: Callable[[OrderTable], str]) -> Grid:
+    """Rows: methods of a single experiment, otherwise experiments; beside slopes those stated."""
+    each = [(table, case) for table in group for case in table.cases]
+    is_one = len(group) == 1
+    stated = {case.method.case for _, case in each if not math.isnan(case.claim)}
+    cells: list[Cell] = []
+    for table, case in each:
+        label, key = case.method.label, case.method.case
+        texts = [_slope(case), *([number(case.claim, "g")] if key in stated else [])]
+        cells.append(((label if is_one else name(table),), "" if is_one else key, texts))
+    heads = {
+        case.method.case: (case.method.label, *["stated"] * (key in stated))
+        for _, case in each
+        for key in [case.method.case]
+    }
+    if is_one:
+        most = max(len(texts) for _, _, texts in cells)
+        cells = [(begin, at, [*texts, "-"][:most]) for begin, at, texts in cells]
+        heads = {"": ("slope", "stated")[:most]}
+    return pivot(cells, corner=("method" if is_one else corner,), headings=heads)
+
+
+def _slope(case: OrderCase) -> str:
+    """The slope; without one the only error, or what became of the runs."""
+    if math.isfinite(case.slope):
+        return f"{case.slope:.2f}"
+    if len(case.rows) == 1 and math.isfinite(case.rows[0].error):
+        return f"error {case.rows[0].error:.1e}"
+    lost = [row.status for row in case.rows if row.status not in ("ok", "floor")]
+    return lost[0] if lost else "floor" if case.rows else "-"
+
+
+def _spread(tables: Sequence[OrderTable]) -> Grid:
+    """Rows: methods; columns: range of slopes and of the finest errors over the members."""
+    found: dict[str, list[tuple[OrderTable, OrderCase]]] = {}
+    for table in tables:
+        for case in table.cases:
+            found.setdefault(case.method.label, []).append((table, case))
+    cells: list[Cell] = []
+    for label, own in found.items():
+        slopes = [case.slope for _, case in own if math.isfinite(case.slope)]
+        errors = {table.title: case.rows[-1].error for table, case in own}
+        finite = {title: error for title, error in errors.items() if math.isfinite(error)}
+        worst = max(finite, key=finite.__getitem__, default="")
+        at = next((_label(table) for table, _ in own if table.title == worst), "-")
+        texts = [f"{measure(slopes):.2f}" if slopes else "-" for measure in _MEASURES]
+        texts += [f"{measure(finite.values()):.1e}" if finite else "-" for measure in _MEASURES[1:]]
+        counts = counts_in_words(row.status for _, case in own for row in case.rows)
+        cells.append(((label,), "", [*texts, at, counts]))
+    heads = ("slope: least", "median", "greatest", "finest error: median", "largest", "at", "rows")
+    return pivot(cells, corner=("method",), headings={"": heads})
+
+
+_MEASURES = (min, statistics.median, max)
+
+
+# --- the errors of every experiment ---------------------------------------------------------------
+
+
+def _details(tables: Sequence[OrderTable]) -> Iterator[Block]:
+    """Of every experiment heading, equation, errors and remarks of the runs."""
+    groups: dict[str, list[OrderTable]] = {}
+    for table in tables:
+        groups.setdefault(table.experiment, []).append(table)
+    for name, own in groups.items():
+        yield Heading(2, name)
+        yield Paragraph(_setting(own))
+        if not own[0].cases:
+            yield Paragraph("No run is finished.")
+        else:
+            yield _member_errors(own) if own[0].swept else _errors(own[0].cases)
+        remarks = [] if own[0].swept else _remarks(own[0])
+        if remarks:
+            yield Bullets(tuple(remarks))
+
+
+def _setting(tables: Sequence[OrderTable]) -> str:
     """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
     table = tables[0]
-    orders = orders_in_words(table)
-    if any(other.gamma != table.gamma for other in tables):
-        orders = "swept"
-    is_marked = any(
-        not row.used_in_fit for one in tables for case in one.cases for row in case.rows
+    orders = ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
+    orders = "swept" if any(other.gamma != table.gamma for other in tables) else orders
+    rows = (row for one in tables for case in one.cases for row in case.rows)
+    mark = (
+        "; in parentheses: not used for the slope" if not all(r.used_in_fit for r in rows) else ""
     )
+    equation = f"`{table.equation}`" if table.equation else "not stated"
     return (
-        "Equation: ",
-        CodeSpan(table.equation) if table.equation else "not stated",
-        f"; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. Errors in the "
-        f"{NORMS[table.norm]}, against {reference_in_words(table.reference)}"
-        f"{'; in parentheses: not used for the slope' if is_marked else ''}.",
+        f"Equation: {equation}; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. "
+        f"Errors in the {NORMS[table.norm]}, against {reference_in_words(table.reference)}{mark}."
     )
 
 
-def _grid(cases: Sequence[OrderCase]) -> Grid:
-    cells: list[tuple[int, str, str, Sequence[str]]] = sorted(
+def _errors(cases: Sequence[OrderCase]) -> Grid:
+    """A line for every N with the error and the order of every method; slope and theory below."""
+    cells = sorted(
         (row.n_steps, f"{row.step_size:.4g}", case.method.case, _entries(case, k))
         for case in cases
         for k, row in enumerate(case.rows)
     )
     sizes = {n: size for n, size, _, _ in reversed(cells)}
-    below: list[tuple[str, Callable[[OrderCase], str]]] = [
-        ("slope", lambda case: number(case.slope, ".2f")),
-        ("on smooth data", lambda case: number(case.expected_order, ".3g")),
-        ("stated", lambda case: number(case.claim, "g")),
-    ]
-    feet = [
-        (title, [get(case) for case in cases])
-        for title, get in below
-        if title == "slope" or any(get(case) != "-" for case in cases)
-    ]
+    below = {
+        "slope": [number(case.slope, ".2f") for case in cases],
+        "on smooth data": [number(case.expected_order, ".3g") for case in cases],
+        "stated": [number(case.claim, "g") for case in cases],
+    }
     return pivot(
         (((str(n), sizes[n]), case, texts) for n, _, case, texts in cells),
         corner=("N", "h"),
         headings={case.method.case: (case.method.label, "order") for case in cases},
-        absent="-",
-        summary=[
-            (
-                (title, ""),
-                {case.method.case: ("", word) for case, word in zip(cases, words, strict=True)},
-            )
-            for title, words in feet
+        foot=[
+            ((title, ""), {c.method.case: ("", one) for c, one in zip(cases, words, strict=True)})
+            for title, words in below.items()
+            if title == "slope" or set(words) != {"-"}
         ],
         text_columns=0,
     )
@@ -198,15 +281,39 @@ def _grid(cases: Sequence[OrderCase]) -> Grid:
 def _entries(case: OrderCase, k: int) -> list[str]:
     """The measured error, in parentheses where the slope does not use it, and the order."""
     row = case.rows[k]
-    error = row.status if math.isnan(row.error) else f"{row.error:.2e}"
-    if row.status == "diverged":
-        error = row.status
-    is_marked = not row.used_in_fit and error != row.status
-    order = number(case.pairwise_order(k), ".2f", "")
-    return [f"({error})" if is_marked else error, order]
+    if math.isnan(row.error) or row.status == "diverged":
+        return [row.status, ""]
+    error = f"{row.error:.2e}" if row.used_in_fit else f"({row.error:.2e})"
+    return [error, number(case.pairwise_order(k), ".2f", "")]
 
 
-def _remarks(table: OrderTable) -> list[Words]:
+def _member_errors(tables: Sequence[OrderTable]) -> Grid:
+    """A line for every N with the median and the largest error of the members."""
+    found: dict[tuple[int, str, str], list[tuple[float, str]]] = {}
+    for table in tables:
+        for case in table.cases:
+            for row in case.rows:
+                key = (row.n_steps, f"{row.step_size:.4g}", case.method.label)
+                found.setdefault(key, []).append((row.error, row.status))
+
+    def texts(rows: Sequence[tuple[float, str]]) -> tuple[str, str, str]:
+        errors = [error for error, _ in rows if math.isfinite(error)]
+        least, most = (statistics.median(errors), max(errors)) if errors else (math.nan, math.nan)
+        counts = counts_in_words(status for _, status in rows)
+        return number(least, ".2e"), number(most, ".2e"), counts
+
+    return pivot(
+        (((str(n), size), case, texts(found[n, size, case])) for n, size, case in sorted(found)),
+        corner=("N", "h"),
+        headings={
+            case: (f"{case}: median", "largest", "rows")
+            for case in dict.fromkeys(case for _, _, case in found)
+        },
+        text_columns=0,
+    )
+
+
+def _remarks(table: OrderTable) -> list[str]:
     """What the runs say, once for every method and text; of failures that of the first run."""
     found: dict[tuple[str, str], list[int]] = {}
     for case in table.cases:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from fvi_cli.reports.document import Block, CodeSpan, Grid, Heading, Paragraph
+from fvi_cli.reports.document import Block, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import all_units, columns_with_units, member_columns, with_ratio
 from fvi_cli.reports.table import About, Column, Report, Sheet, Within, rows_of, within
 from fvi_cli.studies.vibration.modes import ModeTable
@@ -124,10 +124,14 @@ def _units(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> Mapping[str
     return first if all(table.units == first for table in tables) else {}
 
 
+_QUALITIES = {"displacement": "length", "velocity": "velocity", "acceleration": "acceleration"}
+
+
 def magnitude_label(table: ResponseTable) -> str:
-    """The label of the size of a response, with its unit, such as metres per newton."""
+    """The label of the size of a response, with its unit where all outputs have the same."""
     below = "acceleration" if table.load.split(" ")[0] == GROUND else "force"
-    return with_ratio("magnitude", table.units, "length", below)
+    kinds = {_QUALITIES.get(one, "") for one in table.qualities} or {"length"}
+    return with_ratio("magnitude", table.units, kinds.pop() if len(kinds) == 1 else "", below)
 
 
 def _owner(tables: Sequence[ModeTable] | Sequence[ResponseTable]) -> tuple[Column, ...]:
@@ -164,14 +168,14 @@ def _own_grid(sheet: Sheet, experiment: str) -> Grid:
 
 
 def _mode_words(name: str, tables: Sequence[ModeTable], sheet: Sheet) -> Iterator[Block]:
-    yield Heading(level=1, words=f"Modes: {name}")
+    yield Heading(1, f"Modes: {name}")
     groups = {table.name: [one for one in tables if one.name == table.name] for table in tables}
     for experiment, own in groups.items():
         if len(groups) > 1:
-            yield Heading(level=2, words=(CodeSpan(experiment),))
+            yield Heading(2, experiment)
         yield _own_grid(sheet, experiment)
         for words in _completeness(own):
-            yield Paragraph(words=words)
+            yield Paragraph(words)
 
 
 def _completeness(tables: Sequence[ModeTable]) -> Iterator[str]:
@@ -251,34 +255,27 @@ def response_report(name: str, tables: Sequence[ResponseTable]) -> Report:
 
 
 def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) -> Iterator[Block]:
-    yield Heading(level=1, words=f"Harmonic response: {name}")
+    yield Heading(1, f"Harmonic response: {name}")
     groups = {table.name: table for table in tables}
     for experiment, table in groups.items():
         if len(groups) > 1:
-            yield Heading(level=2, words=(CodeSpan(experiment),))
-        yield Paragraph(
-            words=(
-                "Load: ",
-                CodeSpan(table.load),
-                f"; {table.hertz.size} frequencies from {table.hertz[0]:g} to "
-                f"{table.hertz[-1]:g} {all_units(table.units).get('frequency', '')}".rstrip()
-                + ".",
-            )
-        )
+            yield Heading(2, experiment)
+        unit = all_units(table.units).get("frequency", "")
+        ends = f"{table.hertz[0]:g} to {table.hertz[-1]:g} {unit}".rstrip()
+        yield Paragraph(f"Load: `{table.load}`; {table.hertz.size} frequencies from {ends}.")
         if any(row["experiment"] == experiment for row in peaks.rows):
             yield _own_grid(peaks, experiment)
         else:
-            yield Paragraph(words="The magnitude has no maximum inside of this range.")
+            yield Paragraph("The magnitude has no maximum inside of this range.")
         own = [one for one in tables if one.name == experiment]
         for one in own:
             prefix = f"{one.member}: " if one.member else ""
             if not one.known.are_all:
                 yield Paragraph(
-                    words=f"{prefix}Not all modes in the range are known: peaks that are narrower "
+                    f"{prefix}Not all modes in the range are known: peaks that are narrower "
                     "than the spacing of the frequencies may be missing."
                 )
             if one.known.growing:
                 yield Paragraph(
-                    words=f"{prefix}A mode grows (fvi modes): "
-                    "motions do not settle into this response."
+                    f"{prefix}A mode grows (fvi modes): motions do not settle into this response."
                 )

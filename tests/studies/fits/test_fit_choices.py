@@ -9,7 +9,7 @@ from measured_responses import response_data
 
 import fvi_cli as fvi
 from fvi_cli.reports.kinds.fit import fit_report
-from fvi_cli.reports.writers.text import to_markdown
+from fvi_cli.reports.writers import to_markdown
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.result import FitResult, ModelFit
