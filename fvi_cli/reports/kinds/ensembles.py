@@ -96,15 +96,16 @@ _COLUMNS = (
 
 def ensemble_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     """Mean and spread of the peaks of quantities over the members of sweeps."""
-    groups: dict[tuple[str, str, str], list[FinishedRun]] = {}
+    groups: dict[tuple[str, str, str], list[float]] = {}
     for one in finest_of_members([one for one in finished if one.status in GOOD]):
         member, observed = one.run.member, one.trajectory.observed
         if member is not None and member.unnamed and observed is not None:
-            for name in observed.extents:
-                groups.setdefault((one.run.experiment.name, member.name, name), []).append(one)
+            for name, extent in observed.extents.items():
+                key = (one.run.experiment.name, member.name, name)
+                groups.setdefault(key, []).append(extent.peak)
     rows = []
     for (experiment, design, name), own in groups.items():
-        peaks = np.array([o.trajectory.observed.extents[name].peak for o in own])
+        peaks = np.array(own)
         spread = _deviation(peaks[:, None])[0]
         values = (peaks.size, peaks.mean(), spread, peaks.min(), peaks.max())
         names = ("members", "mean", "deviation", "least", "greatest")

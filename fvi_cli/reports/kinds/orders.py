@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from types import SimpleNamespace
 
 from fvi_cli.reports.document import Block, Bullets, Grid, Heading, Paragraph
@@ -30,6 +30,8 @@ RELIABLE = 2000.0
 """Errors above this many floors are equal on every machine."""
 MOST_MEMBERS = 32
 """Up to so many members have a row of their own."""
+MOST_METHODS = 8
+"""More methods of a single experiment have a row each."""
 NORMS: Mapping[str, str] = {
     "max": "maximum norm over components and grid points",
     "final": "maximum norm over components at the final time",
@@ -104,7 +106,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     )
     columns = (_EXPERIMENT, *swept, *COLUMNS)
     keys = ("experiment", *(column.name for column in swept), "case", "n_steps")
-    orders = [Heading(1, f"Orders of convergence: {name}"), *_summary(tables)]
+    orders = [Heading(1, f"Orders of convergence: {name}"), *_summary(name, tables)]
     return Report(
         name=name,
         sheets=(Sheet.of("runs", columns, items, keys, below_floor=_below_floor),),
@@ -135,7 +137,7 @@ def reference_in_words(source: str) -> str:
 # --- the slopes of all experiments ----------------------------------------------------------------
 
 
-def _summary(tables: Sequence[OrderTable]) -> Iterator[Block]:
+def _summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
     """Slopes of all experiments; of the members of a sweep one by one, or summed up."""
     groups: dict[tuple[str, ...], list[OrderTable]] = {}
     swept: dict[str, list[OrderTable]] = {}
@@ -145,13 +147,15 @@ def _summary(tables: Sequence[OrderTable]) -> Iterator[Block]:
             swept.setdefault(table.experiment, []).append(table)
         elif cases:
             groups.setdefault(cases, []).append(table)
+    titles = [table.experiment for group in groups.values() for table in group]
+    prefix = f"{name}-" if all(title.startswith(f"{name}-") for title in titles) else ""
     for group in groups.values():
-        yield _slopes(group, "problem", lambda table: table.experiment)
-    for name, members in swept.items():
+        yield _slopes(group, prefix)
+    for experiment, members in swept.items():
         found = [table.member for table in members if table.member is not None]
-        yield Paragraph(f"`{name}`: {members_in_words(found)}.")
+        yield Paragraph(f"`{experiment}`: {members_in_words(found)}.")
         few = len(members) <= MOST_MEMBERS
-        yield _slopes(members, "member", _label) if few else _spread(members)
+        yield _slopes(members) if few else _spread(members)
     if not groups and not swept:
         yield Paragraph("No run is finished.")
 
@@ -160,26 +164,48 @@ def _label(table: OrderTable) -> str:
     return "" if table.member is None else table.member.label
 
 
-def _slopes(group: Sequence[OrderTable], corner: str, name: Callable[[OrderTable], str]) -> Grid:
-    """Rows: methods of a single experiment, otherwise experiments; beside slopes those stated."""
-    each = [(table, case) for table in group for case in table.cases]
-    is_one = len(group) == 1
-    stated = {case.method.case for _, case in each if not math.isnan(case.claim)}
-    cells: list[Cell] = []
-    for table, case in each:
-        label, key = case.method.label, case.method.case
-        texts = [_slope(case), *([number(case.claim, "g")] if key in stated else [])]
-        cells.append(((label if is_one else name(table),), "" if is_one else key, texts))
-    heads = {
-        case.method.case: (case.method.label, *["stated"] * (key in stated))
-        for _, case in each
-        for key in [case.method.case]
-    }
-    if is_one:
-        most = max(len(texts) for _, _, texts in cells)
-        cells = [(begin, at, [*texts, "-"][:most]) for begin, at, texts in cells]
-        heads = {"": ("slope", "stated")[:most]}
-    return pivot(cells, corner=("method" if is_one else corner,), headings=heads)
+def _slopes(group: Sequence[OrderTable], prefix: str = "") -> Grid:
+    """Rows: experiments or members, columns: methods, with the orders that are stated.
+
+    Many methods of a single experiment have a row each.
+    """
+    stated = {c.method.case for table in group for c in table.cases if not math.isnan(c.claim)}
+
+    def texts(case: OrderCase) -> list[str]:
+        return [_slope(case), *[number(case.claim, "g")] * (case.method.case in stated)]
+
+    if len(group) == 1 and len(group[0].cases) > MOST_METHODS:
+        heads = ("slope", "stated")[: 1 + bool(stated)]
+        lines = [(case.method.label, *texts(case), "-") for case in group[0].cases]
+        rows = tuple(line[: 1 + len(heads)] for line in lines)
+        return Grid(header=("method", *heads), rows=rows)
+    corner = ("member",) if group[0].swept else ("problem", "gamma", "N")
+    return pivot(
+        (
+            (_begin(table, prefix), case.method.case, texts(case))
+            for table in group
+            for case in table.cases
+        ),
+        corner=corner,
+        headings={
+            case.method.case: (case.method.label, *["stated"] * (case.method.case in stated))
+            for table in group
+            for case in table.cases
+        },
+    )
+
+
+def _begin(table: OrderTable, prefix: str) -> tuple[str, ...]:
+    """The member, or experiment, orders of the damping, and the ladder."""
+    if table.swept:
+        return (_label(table),)
+    steps = sorted({row.n_steps for case in table.cases for row in case.rows})
+    ladder = str(steps[0]) if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
+    return table.experiment.removeprefix(prefix), _orders(table) or "-", ladder
+
+
+def _orders(table: OrderTable) -> str:
+    return ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
 
 
 def _slope(case: OrderCase) -> str:
@@ -239,8 +265,7 @@ def _details(tables: Sequence[OrderTable]) -> Iterator[Block]:
 def _setting(tables: Sequence[OrderTable]) -> str:
     """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
     table = tables[0]
-    orders = ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
-    orders = "swept" if any(other.gamma != table.gamma for other in tables) else orders
+    orders = "swept" if any(one.gamma != table.gamma for one in tables) else _orders(table)
     rows = (row for one in tables for case in one.cases for row in case.rows)
     mark = (
         "; in parentheses: not used for the slope" if not all(r.used_in_fit for r in rows) else ""

@@ -220,4 +220,5 @@ def _blocks(name: str, sheets: Mapping[str, Sheet]) -> Iterator[Block]:
         if sheet.name == "loops":
             yield Paragraph("The last loop of every damper, and the largest one if wider:")
         shown = [column.name for column in sheet.columns if column.title]
-        yield sheet.grid(text_columns=shown.index("n_steps") + 2 + ("loop" in shown))
+        keys = shown.index("n_steps") + 2 + ("loop" in shown) + ("unit" in shown)
+        yield sheet.grid(text_columns=keys)
