@@ -3,10 +3,10 @@
 import numpy as np
 import xarray
 from command_line import configuration
-from fvi_cli.plotting.kinds.motions import balance_figure
 from stored_runs import stored
 
 from fvi_cli.config import parse_config
+from fvi_cli.plotting.kinds.motions import balance_figure
 from fvi_cli.storage import Store
 from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies.study import study
