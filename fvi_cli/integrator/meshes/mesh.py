@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import math
 from collections.abc import Sequence
@@ -87,22 +88,22 @@ class Mesh:
             [one.step_size for one in self.stretches], [one.n_steps for one in self.stretches]
         )
 
+    def check_breaks(self, breaks: Sequence[float]) -> None:
+        """Refuse a mesh with a break point inside of a step.
 
-def place_breaks(times: Array, breaks: Sequence[float]) -> list[int]:
-    """Indices of the points of a mesh at break points.
-
-    Raises
-    ------
-    ValueError
-        If a break point lies inside of a step.
-    """
-    places = [int(np.abs(times - one).argmin()) for one in breaks]
-    for place, one in zip(places, breaks, strict=True):
-        if not math.isclose(times[place], one, rel_tol=ON_GRID):
-            raise ArgumentError(
-                "mesh", f"the break point t = {one:g} lies inside of a step; make it a point"
-            )
-    return places
+        Raises
+        ------
+        ValueError
+            With the break point.
+        """
+        ends = [one.end for one in self.stretches]
+        for time in breaks:
+            one = self.stretches[min(bisect.bisect_left(ends, time), len(ends) - 1)]
+            point = one.begin + one.step_size * round((time - one.begin) / one.step_size)
+            if not math.isclose(point, time, rel_tol=ON_GRID):
+                raise ArgumentError(
+                    "mesh", f"the break point t = {time:g} lies inside of a step; make it a point"
+                )
 
 
 def misplaced_break_point(breaks: Sequence[float], final_time: float, n_steps: int) -> str:
@@ -125,13 +126,17 @@ def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
         raise ArgumentError("mesh", "the times must increase from 0")
-    fresh = {0, *place_breaks(times, breaks)}
-    return Mesh(
+    fresh = np.isclose(times[:, None], (0.0, *breaks), rtol=ON_GRID, atol=0.0).any(axis=1)
+    mesh = Mesh(
         stretches=tuple(
-            Stretch(begin=a, end=b, n_steps=1, step_size=b - a, is_fresh=index in fresh)
-            for index, (a, b) in enumerate(itertools.pairwise(times.tolist()))
+            Stretch(begin=a, end=b, n_steps=1, step_size=b - a, is_fresh=is_fresh)
+            for (a, b), is_fresh in zip(
+                itertools.pairwise(times.tolist()), fresh.tolist()[:-1], strict=True
+            )
         )
     )
+    mesh.check_breaks(breaks)
+    return mesh
 
 
 def share_steps(ends: Sequence[float], n_steps: int) -> Array:

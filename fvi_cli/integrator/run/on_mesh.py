@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time as clock
 from collections.abc import Sequence
@@ -16,7 +17,6 @@ from fvi_cli.integrator.meshes.mesh import (
     ON_GRID,
     Mesh,
     misplaced_break_point,
-    place_breaks,
     uniform_mesh,
 )
 from fvi_cli.integrator.method import Method
@@ -124,7 +124,7 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
 
     (scene,), tables = engine.scenes, engine.tables
     h = scene.final_time / mesh.n_steps
-    fresh = {0, *place_breaks(mesh.times, scene.break_points)}
+    fresh = set(itertools.accumulate((one.n_steps for one in mesh.stretches), initial=0))
 
     def first_samples(loads: Array, n_steps: int) -> Array:
         state = engine.start()
@@ -195,4 +195,4 @@ def integrate_scenes(
 def _check_mesh(mesh: Mesh, scene: Scene) -> None:
     if not math.isclose(mesh.final_time, scene.final_time, rel_tol=1e-12):
         raise ValueError(f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}")
-    place_breaks(mesh.times, scene.break_points)
+    mesh.check_breaks(scene.break_points)
