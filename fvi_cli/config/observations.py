@@ -110,8 +110,9 @@ def read_observations(
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
+    has_impacts = at.has("impacts")
     for name in _named(settings.quantities):
-        found = _expression(name, names, problem, at.under("quantities"))
+        found = _expression(name, names, problem, at.under("quantities"), has_impacts=has_impacts)
         if found is not None:
             quantities[name] = found.expand(ready)
     for name in drawn:
@@ -119,7 +120,9 @@ def read_observations(
     for name, one in _named(settings.events).items():
         if not is_complete(one):
             continue
-        found = _expression(name, names, problem, at.under("events"), "when")
+        found = _expression(
+            name, names, problem, at.under("events"), "when", has_impacts=has_impacts
+        )
         if found is not None and found.is_constant:
             at.under("events", name).refuse(
                 f"{found.text} never changes its sign; for once every period T write "
@@ -206,7 +209,7 @@ def check_member(observed: Observations, first: AnyProblem, own: AnyProblem, at:
     expected, found = damper_values(first.scene), damper_values(own.scene)
     for key, formulas in (("quantities", observed.quantities or {}), ("events", events)):
         for name, formula in formulas.items():
-            if reason := _spoilt_by_start(formula, own):
+            if reason := _spoilt(formula, own, has_impacts=bool(observed.impacts)):
                 at.under(key).refuse_key(name, reason)
             known = {*known_names(first.coordinates, observed.parameters), *observed.inputs}
             for word in sorted(formula.names & expected.keys() - known):
@@ -252,6 +255,7 @@ def _expression(
     problem: Problem,
     under: Cursor,
     *inner: str,
+    has_impacts: bool = False,
 ) -> Expression | None:
     """The expression under a name; None, with complaints, where something is wrong."""
     if not _NAME.fullmatch(name):
@@ -265,13 +269,13 @@ def _expression(
     at = next((one for one in under.items() if one.scalar == name), under.under(name, *inner))
     text = FormulaText(variables=names).read(at)
     found = Expression.parse(text, variables=names) if isinstance(text, str) else None
-    if found is not None and (reason := _spoilt_by_start(found, problem)):
+    if found is not None and (reason := _spoilt(found, problem, has_impacts=has_impacts)):
         at.refuse(reason)
         return None
     return found
 
 
-def _spoilt_by_start(formula: Expression, problem: Problem) -> str:
+def _spoilt(formula: Expression, problem: Problem, *, has_impacts: bool) -> str:
     """Why a force or work in a formula has no value; empty: it has one."""
     scene, dampers = problem.scene, damper_values(problem.scene)
     forces = {p + name for p in "ad" for name in problem.coordinates} - set(problem.coordinates)
@@ -279,7 +283,7 @@ def _spoilt_by_start(formula: Expression, problem: Problem) -> str:
         for word in sorted(formula.names):
             kind = dampers[word].kind if word in dampers else "force" * (word in forces)
             if kind in ("force", "work"):
-                check_forces(scene, word, is_work=kind == "work")
+                check_forces(scene, word, is_work=kind == "work", has_impacts=has_impacts)
     except ValueError as error:
         return str(error)
     return ""

@@ -179,7 +179,8 @@ def integrate_members(
     impacted: dict[int, Impacted] = {}
     is_individual = diagnostics or any(one.impacts for one in requests)
     groups = [[k] for k in range(len(scenes))]
-    if each and not is_individual and isinstance(method, Method) and _are_alike(each):
+    are_alike = len({id(one) if isinstance(one, Mesh) else one for one in each}) == 1
+    if are_alike and not is_individual and isinstance(method, Method):
         groups = group(scenes, method, each[0])
     for places in groups:
         first, own = places[0], [scenes[k] for k in places]
@@ -292,14 +293,6 @@ def _check_counts(n_steps: object, every: object) -> None:
 # batches
 
 
-def _are_alike(steps: Sequence[AnySteps]) -> bool:
-    """Whether all scenes have the same number of steps, or the same mesh."""
-    first = steps[0]
-    if isinstance(first, Mesh | AdaptiveSteps):
-        return all(one is first for one in steps)
-    return all(isinstance(one, int) and one == first for one in steps)
-
-
 def integrate_batch(
     scenes: Sequence[Scene],
     method: Method,
@@ -352,7 +345,12 @@ def batch_kind(scene: Scene, method: Method, steps: int | Mesh) -> Hashable | No
             return None
         memory = tuple(term.order for term in scene.active_damping)
     elif scene.active_laws:
-        memory = _rates_of(scene, method, mesh_for(scene, method, steps))
+        # laws have rates of their own
+        mesh = mesh_for(scene, method, steps)
+        shortest, equivalent = mesh.shortest_step, mesh.equivalent_steps
+        damping = damping_of([scene], method, shortest_step=shortest, steps=equivalent)
+        if damping is not None and isinstance(damping.memory, Exponentials):
+            memory = damping.memory.kernel.rates.tobytes()
     width = _width(scene)
     if method.degree * (scene.dimension // width) > LARGEST_STEP:
         return None
@@ -364,17 +362,6 @@ def batch_kind(scene: Scene, method: Method, steps: int | Mesh) -> Hashable | No
         *(_formulas_of(scene.lagrangian or scene.potential), powers, memory),
         pattern_of(scene),
     )
-
-
-def _rates_of(scene: Scene, method: Method, mesh: Mesh) -> Hashable:
-    """Rates of the exponentials for a scene, which depend on its laws."""
-    damping = damping_of(
-        [scene], method, shortest_step=mesh.shortest_step, steps=mesh.equivalent_steps
-    )
-    memory = None if damping is None else damping.memory
-    if not isinstance(memory, Exponentials):
-        return None
-    return memory.kernel.rates.tobytes()
 
 
 def _formulas_of(energy: object) -> Hashable:

@@ -1,6 +1,7 @@
 """Diagnostics from YAML to file and back."""
 
 import numpy as np
+import pytest
 import xarray
 from command_line import configuration
 from stored_runs import stored
@@ -92,3 +93,32 @@ def test_energy_that_the_damping_stores_is_kept(tmp_path):
         assert data["stored_energy"].dims == ("mesh",)
     figure = balance_figure(config.experiments[0], [next(study(config.experiments[0]))])
     assert "stored part of $W_d$" in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [
+        "output: {step: 0.3}\n",
+        "output: {step: 0.3}\nimpacts: {wall: {when: x + 0.2, restitution: 0.8}}\n",
+        "impacts: {wall: {when: x + 0.2, restitution: 0.8}}\nevents: {top: {when: vx}}\n",
+    ],
+)
+def test_works_beside_output_impacts_and_events(tmp_path, more):
+    text = (
+        "name: planet\nproblem: {kind: damped-oscillator, stiffness: 2, final_time: 3, "
+        "damping: [{order: 0.5, coefficient: 0.7}], initial: {position: 1, velocity: 0.5}}\n"
+        "method: {rk: gauss, degree: 3}\nladder: {steps: [60]}\n"
+        f"store: {{diagnostics: [energy-balance]}}\nfigures: [balance]\n{more}"
+    )
+    config = kept(tmp_path, text)
+    experiment = config.experiments[0]
+    computed = list(study(experiment))
+    with read_results(tmp_path / "planet.h5") as results:
+        found = [results.finished(one.run) for one in computed]
+    for one, other in zip(computed, found, strict=True):
+        expected, works = one.trajectory.diagnostics, other.trajectory.diagnostics
+        assert works.time.size > 60
+        assert np.abs(works.energy_defect).max() < 1e-10
+        for name in ("time", "dissipated_work", "energy_defect", "stored_energy"):
+            assert np.array_equal(getattr(works, name), getattr(expected, name)), name
+    assert balance_figure(experiment, found)

@@ -89,7 +89,11 @@ class Observer:
 
     def __init__(self, motion: Motion, requests: Sequence[Observations]) -> None:
         self.motion, self.requests = motion, requests
-        self._dampers, self._of_damper = damper_values(motion.scenes[0]), DampersAlong(motion)
+        self._dampers, self._has_impacts = (
+            damper_values(motion.scenes[0]),
+            bool(requests[0].impacts),
+        )
+        self._of_damper = DampersAlong(motion, has_impacts=self._has_impacts)
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only names that occur in it are evaluated."""
@@ -123,7 +127,7 @@ class Observer:
             columns = tuple(sorted(own.values()))
             if prefix in ("a", "d"):
                 for scene in motion.scenes:
-                    check_forces(scene, next(iter(own)))
+                    check_forces(scene, next(iter(own)), has_impacts=self._has_impacts)
                 compute = motion.acceleration if prefix == "a" else motion.damping
                 found = compute(*flat, columns).reshape(*tau.shape, len(columns))
             elif is_start and prefix:
