@@ -110,11 +110,10 @@ def test_works_beside_output_impacts_and_events(tmp_path, more):
         "method: {rk: gauss, degree: 3}\nladder: {steps: [60]}\n"
         f"store: {{diagnostics: [energy-balance]}}\nfigures: [balance]\n{more}"
     )
-    config = kept(tmp_path, text)
-    experiment = config.experiments[0]
+    experiment = parse_config(text, "planet.yaml").experiments[0]
     computed = list(study(experiment))
-    with read_results(tmp_path / "planet.h5") as results:
-        found = [results.finished(one.run) for one in computed]
+    read = stored(tmp_path / "planet.h5", computed).read([one.run for one in computed])
+    found = [read[one.run] for one in computed]
     for one, other in zip(computed, found, strict=True):
         expected, works = one.trajectory.diagnostics, other.trajectory.diagnostics
         assert works.time.size > 60
