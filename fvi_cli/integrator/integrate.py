@@ -14,7 +14,6 @@ from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.engine.frame import longest_in_batch
 from fvi_cli.integrator.failure import no_unique_solution
 from fvi_cli.integrator.material import material_response
 from fvi_cli.integrator.memory.damping import damping_of, law_objection, pattern_of
@@ -303,19 +302,11 @@ def integrate_batch(
 ) -> list[Trajectory]:
     """Integrate scenes of one kind, as many at a time as stay in the cache."""
     mesh, width = mesh_for(scenes[0], method, steps), _width(scenes[0])
-    inputs = len(step_tables(method).to_inputs) * scenes[0].dimension // width
-    block = longest_in_batch(inputs, is_linear=scenes[0].is_linear)
     found: list[Trajectory] = []
     together = max(1, MOST_TOGETHER // width)
     for first in range(0, len(scenes), together):
-        found += integrate_scenes(
-            scenes[first : first + together],
-            method,
-            mesh,
-            every=every,
-            with_steps=with_steps,
-            most=block,
-        )
+        part = scenes[first : first + together]
+        found += integrate_scenes(part, method, mesh, every=every, with_steps=with_steps)
     return found
 
 

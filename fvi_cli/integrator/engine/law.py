@@ -9,8 +9,8 @@ from these. A linear scene has no remainder. Shapes: q members, n points, e comp
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import NamedTuple, Protocol, Self
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -22,9 +22,9 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling, linear_decoupling
-from fvi_cli.integrator.engine.tables import apply
+from fvi_cli.integrator.engine.products import apply
 from fvi_cli.mathematics.algebra.formulas import PointFormulas
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.convergence import find_roots
 
 
@@ -37,23 +37,6 @@ class Linearisation(NamedTuple):
     mass: Array
     mixed: Array | None
     stiffness: Array
-
-    def of(self, places: Places) -> "Linearisation":
-        """The second derivatives of some members, copied."""
-        return Linearisation(*(None if one is None else one[places] for one in self))  # type: ignore[arg-type]
-
-    def copy(self) -> "Linearisation":
-        """A copy with arrays of its own."""
-        return Linearisation(*(None if one is None else one.copy() for one in self))  # type: ignore[arg-type]
-
-    def differing(self, other: "Linearisation") -> Places:
-        """Members whose second derivatives differ."""
-        found = np.zeros(len(self.mass), dtype=bool)
-        for own, new in zip(self, other, strict=True):
-            # most blocks have the second derivatives of the block before
-            if own is not None and new is not None and own.tobytes() != new.tobytes():
-                found |= (own != new).reshape(len(own), -1).any(axis=1)
-        return np.flatnonzero(found)
 
     def terms_of(self, origin: Array, points: Array) -> Array:
         r"""Sizes of terms that cancel in remainders at points, ``(q, n, e)`` or ``(q, n, 2 e)``.
@@ -74,20 +57,12 @@ class Linearisation(NamedTuple):
             forces += force_of(mixed.swapaxes(-1, -2), sizes[..., e:])
         return np.concatenate([momenta, forces], axis=-1)
 
-    def put(self, places: Places, other: "Linearisation") -> None:
-        """Copy the second derivatives of some members from `other`."""
-        for own, new in zip(self, other, strict=True):
-            if own is not None and new is not None:
-                own[places] = new
-
 
 class StepLaw(Protocol):
-    """The conservative part of q scenes of one kind.
+    """The conservative part of q nonlinear scenes of one kind.
 
     Attributes
     ----------
-    is_linear
-        Whether there is never a remainder.
     has_rates
         Whether remainders depend on the velocities, and momenta have remainders too: points
         are then ``(displacement, velocity)`` and remainders ``(of momenta, of forces)`` in the
@@ -96,12 +71,6 @@ class StepLaw(Protocol):
 
     is_linear: bool
     has_rates: bool
-
-    def of(self, places: Places) -> "StepLaw":
-        """The law of some members."""
-
-    def momentum(self, x: Array, v: Array, t: float) -> Array:
-        """P, all ``(q, e)``."""
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """The v with P = p, all ``(q, e)``; nan where there is none."""
@@ -130,74 +99,34 @@ def force_of(stiffness: Array, displacement: Array) -> Array:
     return np.asarray(np.matmul(stiffness, displacement[..., None])[..., 0])
 
 
-@dataclass(eq=False, kw_only=True)
-class _Members:
-    """Parameters of members as arrays, or as arrays by name; the first axis is the member."""
-
-    def of(self, places: Places) -> Self:
-        """The parameters of some members."""
-        own: dict[str, object] = {}
-        for name, value in vars(self).items():
-            if isinstance(value, np.ndarray):
-                own[name] = value[places]
-            elif name == "parameters":
-                own[name] = {key: one[places] for key, one in value.items()}
-        return replace(self, **own)
-
-
-@dataclass(eq=False, kw_only=True)
-class _ConstantMass(_Members):
-    """Constant mass and stiffness, each ``(q, e, e)``; None: the formulas have all of it."""
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Linear:
+    """Linear scenes: constant mass and stiffness, each ``(q, e, e)``."""
 
     mass: Array
-    stiffness: Array | None = None
-    has_rates = False
+    stiffness: Array
+    is_linear, has_rates = True, False
 
-    def momentum(self, x: Array, v: Array, t: float) -> Array:
-        """M v."""
-        return apply(self.mass, v)
-
-    def velocity(self, x: Array, p: Array, t: float) -> Array:
-        """Inverse of M times p."""
-        if p.shape[-1] == 1:
-            return p / self.mass[..., 0]
-        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
+    @property
+    def at(self) -> Linearisation:
+        """M and K."""
+        return Linearisation(self.mass, None, self.stiffness)
 
 
 @dataclass(eq=False, kw_only=True)
-class Linear(_ConstantMass):
-    """A linear scene."""
-
-    is_linear = True
-
-    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """M and K themselves."""
-        k = np.zeros_like(self.mass) if self.stiffness is None else self.stiffness
-        return Linearisation(self.mass, None, k)
-
-    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
-        """M and K, and remainders of zero."""
-        return self.linearise(origin, None, 0.0), np.zeros_like(points)
-
-    def remainder(
-        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
-    ) -> Array:
-        """Zero."""
-        return np.zeros_like(points)
-
-
-@dataclass(eq=False, kw_only=True)
-class Separable(_ConstantMass):
+class Separable:
     r""":math:`L = v^T M v / 2 - V(q)` with the same formulas or functions for all members.
 
     The remainder is :math:`K \Delta - \nabla V(q)`. `stiffness` has quadratic forms of V
     that are not in the formulas; None: there are none.
     """
 
+    mass: Array  # (q, e, e)
     # potential of one member, for its programs; functions of a user include their stiffness
     formulas: ExpressionPotential | SuppliedPotential
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
-    is_linear = False
+    stiffness: Array | None = None  # (q, e, e)
+    is_linear, has_rates = False, False
 
     def __post_init__(self) -> None:
         own = self.formulas
@@ -226,6 +155,12 @@ class Separable(_ConstantMass):
             second = np.where(finite, second, 0.0)
         return first, second if e == 1 else 0.5 * (second + second.swapaxes(-1, -2))
 
+    def velocity(self, x: Array, p: Array, t: float) -> Array:
+        """Inverse of M times p."""
+        if p.shape[-1] == 1:
+            return p / self.mass[..., 0]
+        return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
+
     def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
         """M and second derivatives of V."""
         return Linearisation(self.mass, None, self._derivatives(x[:, None])[1][:, 0])
@@ -247,24 +182,19 @@ class Separable(_ConstantMass):
 
 
 @dataclass(eq=False, kw_only=True)
-class General(_Members):
+class General:
     """Any L(q, v, t) with the same formulas for all members."""
 
     lagrangian: Lagrangian  # one of the members, for its programs
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
     # matrices whose quadratic forms are subtracted from L, (q, e, e); None: there are none
     stiffness: Array | None = None
-    is_linear = False
-    has_rates = True
+    is_linear, has_rates = False, True
 
     def __post_init__(self) -> None:
         own = self.lagrangian
         self._first = PointFormulas(own.first, own.variables, self.parameters)
         self._second = PointFormulas(own.second, own.variables, self.parameters)
-
-    def momentum(self, x: Array, v: Array, t: float) -> Array:
-        """dL/dv."""
-        return self._first(x[:, None], v[:, None], np.full((1, 1), t))[:, 0, : x.shape[1]]
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """The velocity by Newton's iteration, for every member by itself."""
@@ -356,7 +286,7 @@ def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
     return known if len(known) == len(found) else None
 
 
-def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepLaw:
+def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepLaw | Linear:
     """The conservative part of scenes of one kind, in these coordinates."""
     if modes is not None:
         pairs = list(zip(modes, scenes, strict=True))

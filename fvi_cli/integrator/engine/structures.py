@@ -1,37 +1,34 @@
-"""Large linear scenes: dense or sparse matrices, and a memory only of what dampers act on.
+r"""Large linear scenes: single steps by one factorisation for each step size.
 
-Steps are solved one after the other, by a factorisation in place of the inverse of a block. The
-force of the past is evaluated for a group of steps at once.
+Their matrices are dense or sparse, and the memory stores only what dampers act on. The matrix of a
+step is a sum of Kronecker products of small matrices of the method and large ones of the scene. In
+the eigenvectors in which all small ones are diagonal it decouples into complex equations of the
+size of the scene, half of them the conjugates of the others.
 """
 
 from __future__ import annotations
 
-from collections import OrderedDict
 from collections.abc import Sequence
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, Solve, as_csr, form, times
+from fvi_cli.effects.matrices import Form, Solve, as_csr, factors_of, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine.algebra import solver_of
-from fvi_cli.integrator.engine.frame import Frame
-from fvi_cli.integrator.engine.law import Linearisation
-from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.memory.damping import Damping
-from fvi_cli.integrator.memory.interface import Combination, toeplitz_matrix
-from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
+from fvi_cli.integrator.engine.step import Frame
+from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.reach import find_damper_forms
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 
-GROUP = 16
-"""Number of steps whose past is evaluated at once."""
 LARGEST_DENSE, LEAST_BLOCK = 1024, 4
 """A scene is large if its shortest block, of 4 steps, has more inputs than 1024."""
-KEPT, KEPT_UNKNOWNS = 128, 2**20
-"""Most step sizes whose factors are kept, and most unknowns of all their steps."""
+LARGEST_OFF_DIAGONAL = 1e-12  # relative to the largest entry
+
+Product = tuple[Array, Form]
+"""A small matrix ``(s, s)`` of the method and a large one ``(d, d)`` of the scene."""
 
 
 def is_structure(
@@ -46,161 +43,132 @@ def is_structure(
     return modes[0].batch == 1 and is_large
 
 
-class StructureLaw:
+class Structure:
     """Constant mass and stiffness of one scene, ``(d, d)``, and the reach of its dampers."""
 
     is_linear, has_rates = True, False
 
     def __init__(self, scene: Scene) -> None:
-        self._inertia, self.mass = scene.inertia, form(scene.inertia.form)
-        self.stiffness: Form | None = None
+        self.mass, self.stiffness = form(scene.inertia.form), None
         if isinstance(scene.potential, QuadraticPotential):
             self.stiffness = form(scene.potential.form)
         self.reach = find_damper_forms(scene.active_forces) if scene.active_forces else None
-        self._solvers: OrderedDict[float, Solve] = OrderedDict()
 
-    def of(self, places: Places) -> StructureLaw:
-        """A structure is one member."""
-        return self
-
-    def momentum(self, x: Array, v: Array, t: float) -> Array:
-        """M v."""
-        return times(v, self.mass)
-
-    def velocity(self, x: Array, p: Array, t: float) -> Array:
-        """Inverse of M times p."""
-        return self._inertia.velocity(p)
-
-    def spring_force(self, x: Array) -> Array:
-        """K x."""
-        return np.zeros_like(x) if self.stiffness is None else times(x, self.stiffness)
-
-    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """Not possible: sparse matrices are not arrays over members."""
-        raise TypeError("structure: its matrices are not arrays over members")
-
-    def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
-        """Not possible either."""
-        return self.linearise(origin, None, 0.0), points
-
-    def remainder(
-        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
-    ) -> Array:
-        """Zero."""
-        return np.zeros_like(points)
-
-    def solver(self, frame: Frame, damping: Sequence[Combination]) -> Solve:
-        """A function that solves the equations of a step, ``(s d,)`` to the same.
-
-        Raises
-        ------
-        numpy.linalg.LinAlgError
-            If the equations have no unique solution.
-        """
-        kept = self._solvers
-        if frame.h not in kept:
-            parts: list[tuple[Array, Form]] = [(frame.unit.mass, self.mass)]
-            if self.stiffness is not None:
-                parts.append((-frame.stiff, self.stiffness))
-            for damp, one in zip(frame.damp, damping, strict=True):
-                parts.append((-damp[0], _whole(one, self.reach)))
-            kept[frame.h] = solver_of(parts)
-            unknowns = len(frame.unit.mass) * self.mass.shape[0]
-            if len(kept) > max(8, min(KEPT, KEPT_UNKNOWNS // unknowns)):
-                kept.popitem(last=False)
-        kept.move_to_end(frame.h)
-        return kept[frame.h]
-
-    def along(self, values: Array) -> Array:
-        """The components of velocities in the memory, ``(..., d)`` to ``(..., r)``."""
-        return values if self.reach is None else self.reach.along(values)
-
-    def spread(self, forces: Array) -> Array:
-        """Forces on the components in the memory as forces on all components."""
-        return forces if self.reach is None else self.reach.spread(forces)
+    def matrix_of(self, one: Combination) -> Form:
+        """The matrix of a direction of the damping on all components, ``(d, d)``."""
+        matrix = one.matrix
+        if isinstance(matrix, np.ndarray):
+            matrix = matrix.reshape(matrix.shape[-2:])
+        if self.reach is None:
+            return matrix
+        rows = as_csr(self.reach.rows)
+        return cast(Form, as_csr(cast(Form, rows.T @ as_csr(matrix) @ rows)))
 
 
-def solve_one_by_one(
-    frame: Frame,
-    law: StructureLaw,
-    damping: Damping | None,
-    state: State,
-    loads: Array | None,
-) -> Steps:
-    """Solve the steps of a frame; as :meth:`fvi_cli.integrator.engine.engine.Engine.solve`."""
-    h, count, t = frame.h, frame.count, frame.tables
-    combinations = () if damping is None else damping.combinations
-    drive, failed = t.to_inputs, False
-    try:
-        solve = law.solver(frame, combinations)
-    except np.linalg.LinAlgError:
-        # the step has no unique solution
-        solve, failed = np.zeros_like, True
-    (m, i), (s, e) = (frame.weights.size, len(drive)), (t.degree, state.x.shape[1])
-    r, matrices = state.z.shape[2], [_form_of(one) for one in combinations]
-    every = [toeplitz_matrix(one[0]) for one in frame.sequences]
-    past = np.zeros((count * m, r))
-    if damping is not None and frame.damping is not None:
-        past = damping.past(frame.damping, state.z, state.column, count)[0]
-    driven, unknowns = np.zeros((count * i, r)), np.empty((count, s, e))
-    dx, dp = np.empty((count, e)), np.empty((count, e))
-    moved, gained = np.zeros(e), np.zeros(e)
-    to_mean = (h * t.weights) @ frame.displacement[0]
+class StructureStep:
+    """A step of a structure; as :class:`fvi_cli.integrator.engine.step.DenseStep`."""
 
-    def own(step: int, first: int, last: int) -> Array:
-        """Force in a step by the inputs of some steps of the group, ``(m, d)``."""
-        total = np.zeros((m, r))
-        rows, by = slice(step * m, step * m + m), slice(first * i, last * i)
-        for local, matrix in zip(every, matrices, strict=True):
-            total += times(local[rows, by] @ driven[by], matrix)
-        return total
-
-    for k in range(count):
-        known = np.zeros((s + 1, e))
-        if damping is not None:
-            force = past[k * m : k * m + m]
-            known += frame.to_loads @ law.spread(force + own(k, 0, k) if k else force)
+    def __init__(self, law: Structure, frame: Frame, damping: Sequence[Combination]) -> None:
+        self._stiffness, self._h, unit = law.stiffness, frame.h, frame.unit
+        s, h = unit.tables.degree, frame.h
+        mass, stiff = (pairs.sum(axis=0).reshape(s, s) for pairs in (unit.pairs[0], unit.pairs[3]))
+        products: list[Product] = [(mass, law.mass)]
+        # from U to the momentum gained
+        self._impulses: list[Product] = []
         if law.stiffness is not None:
-            known += frame.test_sum[:, None] * law.spring_force(state.x[0] + moved)
-        if loads is not None:
-            known -= loads[0, k]
-        right = known[:-1].copy()
-        right[0] -= state.p[0] + gained
-        u = unknowns[k] = solve(right.ravel()).reshape(s, e)
-        change = -known.sum(axis=0) - law.spring_force(to_mean @ u)
-        if damping is not None:
-            driven[k * i : k * i + i] = drive @ law.along(u)
-            change -= frame.weights @ law.spread(own(k, k, k + 1))
-        moved, gained = moved + h * u[-1], gained + change
-        dx[k], dp[k] = moved, gained
-    z = state.z
-    if damping is not None and frame.damping is not None:
-        z = frame.damping.kernels.push(state.z, driven[None], count)
-    return Steps(
-        h=h,
-        count=count,
-        dx=dx[None],
-        dp=dp[None],
-        unknowns=unknowns[None],
-        inputs=np.matmul(drive, unknowns).reshape(1, -1, e),
-        z=z,
-        iterations=np.zeros(1, dtype=np.int64),
-        most=np.zeros(1, dtype=np.int64),
-        failed=np.full(1, failed),
-        failed_at=np.zeros(1, dtype=np.int64),
-        change=np.zeros(1),
-    )
+            products.append((-h * h * stiff, law.stiffness))
+            self._impulses.append((-h * h * unit.sums[1].sum(axis=0), law.stiffness))
+        for table, one in zip(frame.damp, damping, strict=True):
+            matrix = law.matrix_of(one)
+            products.append((table[0, 0, :-1], matrix))
+            self._impulses.append((table[0, 0].sum(axis=0), matrix))
+        self._by_spring = -h * unit.tables.test_weights.sum(axis=1)
+        self.singular = np.zeros(1, dtype=bool)
+        try:
+            self._solve = solver_of(products)
+        except np.linalg.LinAlgError:
+            self.singular[:] = True
+            self._solve = np.zeros_like
+
+    def solve(self, x: Array | None, p: Array, loads: Array) -> tuple[Array, Array, Array]:
+        """As :meth:`fvi_cli.integrator.engine.step.Step.solve`, for one case."""
+        if x is not None and self._stiffness is not None:
+            loads = loads + self._by_spring[:, None] * times(x[0], self._stiffness)
+        right = -loads[0, 0, :-1]
+        right[0] -= p[0, 0]
+        u = self._solve(right)
+        dp = loads[0, 0].sum(axis=0)
+        for small, large in self._impulses:
+            dp += times(small @ u, large)
+        return u[None, None], self._h * u[None, None, -1], dp[None, None]
 
 
-def _form_of(one: Combination) -> Form:
-    """Its matrix, ``(r, r)``."""
-    matrix = one.matrix
-    return matrix.reshape(matrix.shape[-2:]) if isinstance(matrix, np.ndarray) else matrix
+def solver_of(products: Sequence[Product]) -> Solve:
+    """A function that solves equations with a sum of Kronecker products, ``(s, d)`` to the same.
+
+    Raises
+    ------
+    numpy.linalg.LinAlgError
+        If the matrix is singular.
+    """
+    first, large = np.linalg.inv(products[0][0]), [one for _, one in products]
+    quotients = [first @ small for small, _ in products]
+    values, vectors = np.linalg.eig(quotients[-1])
+    back = np.linalg.inv(vectors)
+    turned = [back @ one @ vectors for one in quotients]
+    diagonals = [np.diagonal(one) for one in turned]
+    if any(_is_coupled(one) for one in turned):
+        return _solver_of_all_stages(products)
+    chosen = np.flatnonzero(values.imag >= 0)
+    into = (back @ first)[chosen]
+    outof = vectors[:, chosen] * np.where(values[chosen].imag > 0, 2.0, 1.0)
+    solvers = [_factorised([one[k] for one in diagonals], large) for k in chosen]
+
+    def solve_once(right: Array) -> Array:
+        found = [one(row) for one, row in zip(solvers, into @ right, strict=True)]
+        return np.asarray((outof @ np.stack(found)).real)
+
+    def solve(right: Array) -> Array:
+        found = solve_once(right)
+        left = right - sum(small @ times(found, one) for small, one in products)
+        # eigenvectors of many stages lose digits, which one refinement recovers
+        return np.asarray(found + solve_once(left))
+
+    return solve
 
 
-def _whole(one: Combination, reach: DamperForms | None) -> Form:
-    """Its matrix on all components, ``(d, d)``."""
-    if reach is None:
-        return _form_of(one)
-    rows = as_csr(reach.rows)
-    return cast(Form, as_csr(cast(Form, rows.T @ as_csr(_form_of(one)) @ rows)))
+def _is_coupled(matrix: ComplexArray) -> bool:
+    """Whether a matrix has more than round-off beside its diagonal."""
+    beside = np.abs(matrix - np.diag(np.diagonal(matrix))).max()
+    return bool(beside > LARGEST_OFF_DIAGONAL * np.abs(matrix).max())
+
+
+def _solver_of_all_stages(products: Sequence[Product]) -> Solve:
+    """As :func:`solver_of`, where stages do not decouple: differences sampled at the nodes."""
+    from scipy.sparse import kron
+
+    # the unknowns of one component are neighbours: the band of the large matrices stays narrow
+    whole = [cast(Form, as_csr(cast(Form, kron(as_csr(b), a)))) for a, b in products]
+    solver = _factorised([1.0] * len(whole), whole)
+    return lambda right: solver(right.T.ravel()).real.reshape(right.T.shape).T
+
+
+def _factorised(factors: Sequence[complex], matrices: Sequence[Form]) -> Solve:
+    """Solve equations with a complex combination of matrices."""
+    if all(isinstance(one, np.ndarray) for one in matrices):
+        from scipy.linalg import lu_factor, lu_solve
+
+        whole = np.zeros(matrices[0].shape, dtype=complex)
+        for k, one in zip(factors, matrices, strict=True):
+            whole += k * np.asarray(one)
+        lu: Any = lu_factor(cast(Any, whole))
+        if not np.abs(np.diagonal(lu[0])).min() > 0:
+            raise np.linalg.LinAlgError("Singular matrix")
+        return lambda right: np.asarray(lu_solve(lu, right))
+    from scipy.sparse import csc_array
+
+    sparse: Any = csc_array(cast(Any, matrices[0].shape), dtype=cast(Any, complex))
+    for k, one in zip(factors, matrices, strict=True):
+        sparse = sparse + cast(Any, as_csr(one)) * complex(k)
+    splu = factors_of(csc_array(sparse))
+    return lambda right: np.asarray(splu.solve(right))

@@ -36,10 +36,9 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import PIECE, DampingAlong, pieces_of_equal_steps
 from fvi_cli.integrator.decoupling import Decoupling
-from fvi_cli.integrator.engine.frame import Frame, unit_tables
-from fvi_cli.integrator.engine.law import StepLaw, law_of
-from fvi_cli.integrator.engine.operator import Operator, step_matrix
-from fvi_cli.integrator.engine.tables import on_components, on_every_component
+from fvi_cli.integrator.engine.block import Block
+from fvi_cli.integrator.engine.law import Linear, StepLaw, law_of
+from fvi_cli.integrator.engine.step import Frame, dense_step, unit_tables
 from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.memory.exponentials import ExponentialKernels, Exponentials
 from fvi_cli.integrator.memory.interface import Combination
@@ -225,13 +224,13 @@ class LinearisedRun:
         return [BlockSequence(first, min(together, sizes.size - first), 1) for first in firsts]
 
     def _maps(self, blocks: BlockSequence) -> Maps:
-        sizes, common = self.steps.step_size, (self._law, self.method, self._damping)
+        sizes, law, common = self.steps.step_size, self._law, (self.method, self._damping)
         try:
-            if self._is_regular:
+            if isinstance(law, Linear) and self._is_regular:
                 h = float(sizes[blocks.first])
-                return maps_of_equal_steps(*common, h, blocks.count, blocks.number)
+                return maps_of_equal_steps(law, *common, h, blocks.count, blocks.number)
             position, velocity, time = (one[blocks.steps] for one in self.points)
-            return maps_of_steps(*common, sizes[blocks.steps], (position, velocity, time))
+            return maps_of_steps(law, *common, sizes[blocks.steps], (position, velocity, time))
         except np.linalg.LinAlgError:
             raise ValueError(
                 "derivatives: the linearised equations of a step have no unique solution"
@@ -410,7 +409,7 @@ class Maps(NamedTuple):
 
 
 def maps_of_equal_steps(
-    law: StepLaw, method: Method, damping: Damping, h: float, count: int, blocks: int
+    law: Linear, method: Method, damping: Damping, h: float, count: int, blocks: int
 ) -> Maps:
     """Tables of blocks of equal steps of a linear scene.
 
@@ -420,18 +419,21 @@ def maps_of_equal_steps(
         If their equations have no unique solution.
     """
     d = damping.start_velocity.shape[-1]
-    frame = Frame(unit_tables(method, count, d, False), damping, h, count)
-    at = law.linearise(np.zeros((1, d)), None, 0.0)
-    operator = Operator(frame, at, damping, is_linear=True)
-    if operator.singular.any():
+    frame = Frame(unit_tables(method, d, False), damping, h, count)
+    matrices = [dense(one.matrix) for one in damping.combinations]
+    step = dense_step(frame.unit, law.at, h, [one[:, 0] for one in frame.damp], matrices)
+    if step.singular.any():
         raise np.linalg.LinAlgError
-    assert frame.damping is not None
-    kernels = frame.damping.kernels
+    block = Block(frame, step, matrices, has_position=True)
+    rows = np.concatenate([block.start, block.by_load], axis=2)
+    by_step = rows.reshape(1, count, -1, d, rows.shape[2])
+    assert frame.memory is not None
+    kernels = frame.memory.kernels
     assert isinstance(kernels, ExponentialKernels)
     return Maps(
-        *_arranged(damping, operator.outputs, operator.outputs_of_loads, count),
+        *_arranged(damping, frame.unit.tables.to_inputs, by_step, frame.to_loads[None]),
         which=[0] * blocks,
-        local=np.array(frame.damping.local),
+        local=np.array(frame.memory.local),
         response=_by_term(damping, kernels.response[None]),
         intake=kernels.intake[None],
         decay=1.0 + kernels.change[None, :, None],
@@ -439,7 +441,7 @@ def maps_of_equal_steps(
 
 
 def maps_of_steps(
-    law: StepLaw, method: Method, damping: Damping, sizes: Array, points: Points
+    law: StepLaw | Linear, method: Method, damping: Damping, sizes: Array, points: Points
 ) -> Maps:
     """Tables of n steps of any lengths, linearised at the points of each.
 
@@ -450,47 +452,26 @@ def maps_of_steps(
     """
     assert isinstance(damping.memory, Exponentials)
     t = step_tables(method)
-    to_inputs = t.to_inputs
     lengths, which = np.unique(sizes, return_inverse=True)
     by_term, response, intake, change = damping.memory.of_steps(lengths)
     local = np.array([one.combine(by_term.swapaxes(0, 1))[0] for one in damping.combinations])
     position, velocity, time = points
-    n, m, d = position.shape
+    n, _, d = position.shape
     s, h = t.degree, sizes[:, None, None]
-    unit = unit_tables(method, 1, d, law.has_rates)
+    unit = unit_tables(method, d, law.has_rates)
     at_stages = np.concatenate([position, velocity], axis=2) if law.has_rates else position
-    at, _ = law.expand(np.zeros((1, d)), at_stages, time)
-    stiffness = at.stiffness if at.stiffness.ndim == 4 else at.stiffness[:, None]
-    stiffness = np.broadcast_to(stiffness, (n, m, d, d))
-    damp = h * (t.test_weights[:-1] @ local[:, which] @ to_inputs)
-    matrices = [dense(one.matrix) for one in damping.combinations]
-    inverse = np.linalg.inv(step_matrix(unit, at, h, list(damp), matrices))
-    by_load = np.concatenate([-inverse, np.zeros((n, s * d, d))], axis=2)
-    # at a stage K and C act on the position at the beginning as on the displacement from there
-    mixed = [] if at.mixed is None else [at.mixed]
-    moved = np.concatenate([*mixed, -stiffness], axis=2).reshape(n, -1, d)
-    tests, at_points = h * unit.tests[-1], h * unit.points[0]
-    if mixed:
-        tests, at_points = tests + unit.tests[0], at_points + unit.points[1]
-    by_force = -by_load @ on_every_component(h * t.test_weights, d)
-    unknowns = np.concatenate(
-        [by_load @ (tests @ moved), -inverse[..., :d], by_force, by_load], axis=2
-    )
-    weighted = h[..., None] * t.weights[:, None, None]
-    turned = [one.swapaxes(2, 3) for one in mixed]
-    pulled = weighted * np.concatenate([-stiffness, *turned], axis=3)
-    gained = pulled.swapaxes(1, 2).reshape(n, d, -1) @ at_points
-    for table, matrix in zip((h * t.weights) @ local[:, which] @ to_inputs, matrices, strict=True):
-        gained = gained - on_components(table, matrix)
-    momentum = gained @ unknowns
-    momentum[..., :d] -= (weighted * stiffness).sum(axis=1)
-    begin = (2 + m) * d
-    momentum[..., 2 * d : begin] -= on_every_component(h * t.weights, d)
-    momentum[..., begin:] += np.tile(np.eye(d), s + 1)
-    inputs = np.matmul(to_inputs, unknowns.reshape(n, s, -1)).reshape(n, m * d, -1)
-    rows = np.concatenate([inputs, h * unknowns[:, -d:], momentum], axis=1)
+    at = law.at if isinstance(law, Linear) else law.expand(np.zeros((1, d)), at_stages, time)[0]
+    to_loads = -h * t.to_loads
+    damp = [to_loads @ one[which] @ t.to_inputs for one in local]
+    step = dense_step(unit, at, h, damp, [dense(one.matrix) for one in damping.combinations])
+    if step.singular.any():
+        raise np.linalg.LinAlgError
+    cases = np.broadcast_to(np.eye((s + 3) * d), (n, (s + 3) * d, (s + 3) * d))
+    loads = cases[..., 2 * d :].reshape(n, -1, s + 1, d)
+    u, dx, dp = step.solve(cases[..., :d], cases[..., d : 2 * d], loads)
+    rows = np.concatenate([u, dx[:, :, None], dp[:, :, None]], axis=2)
     return Maps(
-        *_arranged(damping, rows[..., :begin], rows[..., begin:], 1),
+        *_arranged(damping, t.to_inputs, rows.transpose(0, 2, 3, 1)[:, None], to_loads),
         which=which.tolist(),
         local=local,
         response=_by_term(damping, response),
@@ -499,26 +480,28 @@ def maps_of_steps(
     )
 
 
-def _arranged(damping: Damping, by_state: Array, by_load: Array, count: int) -> tuple[Array, Array]:
-    """T and G from rows of velocities and of changes of position and momentum.
+def _arranged(
+    damping: Damping, to_inputs: Array, rows: Array, to_loads: Array
+) -> tuple[Array, Array]:
+    """T and G from the rows of blocks, ``(k, B, s + 2, d, 2 d + B (s + 1) d)``.
 
-    Rows are (V, changes at the ends of all steps), columns position, momentum and the whole force.
+    `to_loads` are from damping forces to load vectors of a step, ``(k, s + 1, m)``.
     """
-    d = damping.start_velocity.shape[-1]
-    k, rows, _ = by_state.shape
-    of_position = slice(rows - 2 * count * d, rows - count * d)
-    whole = by_state.copy()
-    whole[:, of_position, :d] += np.tile(np.eye(d), (count, 1))
-    whole[:, -d:, d : 2 * d] += np.eye(d)
-    by_force = whole[..., 2 * d :].reshape(k, -1, d)
+    k, count, _, d, width = rows.shape
+    velocity = np.matmul(to_inputs, rows[:, :, :-2].reshape(k, count, -1, d * width))
+    ends, momentum = rows[:, :, -2].copy(), rows[:, -1, -1].copy()
+    ends[..., :d] += np.eye(d)
+    momentum[..., d : 2 * d] += np.eye(d)
+    inner = ends[:, :-1].reshape(k, -1, width)
+    whole = np.concatenate([ends[:, -1], momentum, velocity.reshape(k, -1, width), inner], axis=1)
+    by_load = whole[..., 2 * d :]
+    by_step = by_load.reshape(k, -1, to_loads.shape[1], d)
+    by_force = np.matmul(to_loads.swapaxes(1, 2)[:, None], by_step)
     terms = [
-        np.matmul(by_force, dense(one.matrix)).reshape(k, rows, -1) for one in damping.combinations
+        np.matmul(by_force, dense(one.matrix)[:, None]).reshape(*whole.shape[:2], -1)
+        for one in damping.combinations
     ]
-    whole = np.concatenate([whole[..., : 2 * d], *terms], axis=2)
-    order = np.arange(rows)
-    inner, last = order[of_position][:-d], order[of_position][-d:]
-    order = np.concatenate([last, order[-d:], order[: of_position.start], inner])
-    return whole[:, order], by_load[:, order]
+    return np.concatenate([whole[..., : 2 * d], *terms], axis=2), by_load
 
 
 def _by_term(damping: Damping, response: Array) -> Array:

@@ -32,7 +32,7 @@ from fvi_cli.integrator.observe.observer import Impacted
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.observe.search import Fall, first_fall
 from fvi_cli.integrator.observe.surface import Surface, push_off, start_objection
-from fvi_cli.integrator.run.points import Proposal, why_unsolved
+from fvi_cli.integrator.run.sources import Proposal, why_unsolved
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
 from fvi_cli.integrator.trajectory import Trajectory
@@ -68,7 +68,7 @@ def integrate_with_impacts(
         if objection := start_objection(scene, surface):
             raise ValueError(f"impacts.{name}: {surface.impact.when.text} {objection}")
     shortest = SHORTEST_STEP * scene.final_time
-    engine = Engine([scene], method, shortest_step=shortest, steps=MOST_SHORTEST, most=1)
+    engine = Engine([scene], method, shortest_step=shortest, steps=MOST_SHORTEST, is_single=True)
     source = Bouncing(scene, method, n_steps, surfaces)
     run = ScenesRun(engine, source, Recorder(engine, with_steps=True))
     run.begin()
@@ -224,7 +224,7 @@ class Bouncing:
 
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The end of a step that meets no surface, or ends on one; None to try another one."""
-        if steps.has_failed:
+        if steps.failed.any():
             self._fail(why_unsolved(steps, state))
             return None
         step = SceneStep.of(engine, state, steps)

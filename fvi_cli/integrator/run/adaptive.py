@@ -14,7 +14,7 @@ from fvi_cli.integrator.meshes.controller import AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.forces import StepPath
 from fvi_cli.integrator.meshes.local_error import LocalError
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.points import Proposal, why_unsolved
+from fvi_cli.integrator.run.sources import Proposal, why_unsolved
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
@@ -68,7 +68,7 @@ class AdaptiveSource:
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
         scale, error = _largest(position), math.inf
-        if steps.has_failed:
+        if steps.failed.any():
             self._error = why_unsolved(steps, state)
         else:
             self._error = StepFailedError(UNKEPT)

@@ -21,9 +21,9 @@ from fvi_cli.integrator.meshes.mesh import (
 )
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import AdaptiveSource, step_controller
-from fvi_cli.integrator.run.points import MeshSource, Source
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, has_rough_momenta, trajectory_of
+from fvi_cli.integrator.run.sources import MeshSource, Source
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
@@ -53,13 +53,10 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
-def engine_for(
-    scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSteps, *, most: int | None = None
-) -> Engine:
+def engine_for(scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSteps) -> Engine:
     """The engine of scenes for the steps of a mesh, or for adaptive steps.
 
-    `most` is the longest block of steps in a batch; None: as the size of its matrices allows. For
-    adaptive steps the engine does not depend on their tolerance.
+    For adaptive steps the engine does not depend on their tolerance.
 
     Raises
     ------
@@ -69,7 +66,7 @@ def engine_for(
     """
     if isinstance(steps, AdaptiveSteps):
         shortest = step_controller(scenes[0], method, steps).shortest_step
-        return Engine(scenes, method, shortest_step=shortest, steps=MOST_SHORTEST, most=1)
+        return Engine(scenes, method, shortest_step=shortest, steps=MOST_SHORTEST, is_single=True)
     sizes = [one.step_size for one in steps.stretches]
     if not method.is_runge_kutta and max(sizes) - min(sizes) > ON_GRID * min(sizes):
         raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
@@ -79,7 +76,6 @@ def engine_for(
         shortest_step=steps.shortest_step,
         steps=steps.equivalent_steps,
         n_steps=steps.n_steps,
-        most=most,
     )
 
 
@@ -90,7 +86,6 @@ def prepare(
     *,
     every: int = 1,
     with_steps: bool = False,
-    most: int | None = None,
     engine: Engine | None = None,
 ) -> ScenesRun:
     """Prepare a run up to its first step, including corrections of the start.
@@ -100,7 +95,7 @@ def prepare(
     ValueError
         For starting weights with a general Lagrangian, and as for :func:`engine_for`.
     """
-    engine = engine or engine_for(scenes, method, steps, most=most)
+    engine = engine or engine_for(scenes, method, steps)
     mesh = None
     source: Source
     if isinstance(steps, Mesh):
@@ -139,7 +134,8 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
             engine.accept(state, steps, (index + 1) * h)
         return found
 
-    engine.add_loads(0, starting_loads(scene, engine.method, mesh.n_steps, first_samples))
+    loads = starting_loads(scene, engine.method, mesh.n_steps, first_samples)
+    engine.loads_of[0].add(loads)
 
 
 @in_one_thread
@@ -151,14 +147,12 @@ def integrate_scenes(
     every: int = 1,
     diagnostics: bool = False,
     with_steps: bool = False,
-    most: int | None = None,
     engine: Engine | None = None,
 ) -> list[Trajectory]:
     """Integrate scenes of one kind over [0, T], all at once; one by adaptive steps.
 
     Every n-th reported point is kept, the first and the last; `with_steps` keeps the polynomials of
-    all steps. Diagnostics do not change the trajectory. `most` as for
-    :func:`engine_for`; adaptive runs may share the tables of `engine`.
+    all steps. Diagnostics do not change the trajectory. Adaptive runs may share `engine`.
 
     Raises
     ------
@@ -174,7 +168,7 @@ def integrate_scenes(
         _check_mesh(steps, first)
         # a run without memory for its points fails here: later, a library may end the process
         np.empty((steps.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
-    this = prepare(scenes, method, steps, every=every, with_steps=keeps, most=most, engine=engine)
+    this = prepare(scenes, method, steps, every=every, with_steps=keeps, engine=engine)
     this.begin()
     ready = clock.perf_counter()
     seconds = this.march()

@@ -8,14 +8,14 @@ import numpy as np
 
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
-from fvi_cli.integrator.failure import Failure, no_unique_solution
-from fvi_cli.integrator.run.points import (
+from fvi_cli.integrator.failure import Failure
+from fvi_cli.integrator.run.sources import (
     Points,
     Solved,
     Stops,
     points_of,
-    step_failure,
     velocities_of,
+    why_unsolved,
 )
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.trajectory import NewtonRecord
@@ -83,27 +83,19 @@ class Recorder:
 
     def note(self, state: State, steps: Steps) -> None:
         """Record the iteration of the next steps, and failures; the state is that before them."""
-        first = self.reached
-        self.count(steps)
-        if not steps.has_failed:
+        if not steps.failed.any():
             return
         for member in np.flatnonzero(steps.failed & state.live).tolist():
             scene = member // self._engine.width
-            if not self.live[scene] or scene in self._stops:
-                continue
-            if not steps.iterations[member]:
-                error = no_unique_solution(steps.h)
-                failure = Failure(str(error), error.reason, first, state.t)
+            if self.live[scene] and scene not in self._stops:
+                error = why_unsolved(steps, state, member)
+                failure = Failure.in_step(self.reached, state.t, error)
                 self._stops[scene] = (self._count, failure)
-                continue
-            before, error = step_failure(steps, member, state)
-            failure = Failure.in_step(first + before, state.t + before * steps.h, error)
-            self._stops[scene] = (self._count + before, failure)
 
     def count(self, steps: Steps) -> None:
         """Count the iterations of steps, also of such as are rejected."""
         self._iterations = self._iterations + steps.iterations
-        self._most = np.maximum(self._most, steps.most)
+        self._most = np.maximum(self._most, steps.iterations)
 
     def newton(self, scene: int) -> NewtonRecord:
         """Numbers of iterations of a scene."""

@@ -15,8 +15,8 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import run
-from fvi_cli.integrator.run.points import Source
 from fvi_cli.integrator.run.recorder import Recorder
+from fvi_cli.integrator.run.sources import Source
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.trajectory import Diagnostics, Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -39,7 +39,7 @@ class ScenesRun:
     def march(self) -> float:
         """Do the steps; returns the seconds that they took."""
         began = clock.perf_counter()
-        run(self.engine, self.source, state=self.state, recorder=self.recorder)
+        run(self.engine, self.source, self.state, self.recorder)
         return clock.perf_counter() - began
 
     def begin(self) -> None:

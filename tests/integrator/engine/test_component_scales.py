@@ -14,7 +14,7 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import solve_implicit
-from fvi_cli.integrator.engine.newton import Newton
+from fvi_cli.integrator.engine import newton
 from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.integrate import integrate, integrate_batch
 from fvi_cli.integrator.method import Baseline, Method
@@ -88,14 +88,14 @@ def test_members_of_a_batch(ratio, method):
 
 def test_a_scale_for_all_is_seen():
     """The control: one scale for all components."""
-    largest = Newton._largest
+    largest = newton.largest
 
-    def joint(self, values):
-        found = largest(self, values)
+    def joint(values):
+        found = largest(values)
         return np.broadcast_to(found.max(axis=1, keepdims=True), found.shape).copy()
 
     both, alone, _ = pair("linear beside a pendulum", 1e9, small_first=False)
-    with patch.object(Newton, "_largest", joint):
+    with patch.object(newton, "largest", joint):
         found = integrate(both, METHODS[0], 400)
         members = integrate_batch([both, both], METHODS[0], 9)
     expected = integrate(alone, METHODS[0], 400)

@@ -9,8 +9,6 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine import frame
-from fvi_cli.integrator.engine.newton import Newton
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array
@@ -135,17 +133,3 @@ def test_blocks_that_are_led_far_into_a_wall_come_back(seed):
         found = integrate(scene, Method(cq="gauss", degree=3), n_steps)
         assert found.status == "ok"
         assert np.ptp(found.energy) < 1e-8
-
-
-def test_a_scale_from_afar_would_be_noticed(monkeypatch):
-    """The control, by blocks as long as they once were."""
-    monkeypatch.setattr(frame, "SIZE_OF_NEWTON", 512)
-    monkeypatch.setattr(Newton, "_shrunk", lambda _, points, limit: np.zeros(limit.shape, bool))
-    scene = lagrangian_scene(
-        coordinates=["x"],
-        lagrangian="vx**2/2-exp(52.17*(x-1))-x**2/2",
-        initial_position=[0.0],
-        initial_velocity=[0.99046],
-        final_time=15.418,
-    )
-    assert np.ptp(integrate(scene, Method(cq="gauss", degree=3), 1130).energy) > 0.1

@@ -1,5 +1,7 @@
 """Sources of the steps of a run, and solved steps as points of the scenes."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
@@ -27,6 +29,10 @@ class Proposal(NamedTuple):
     # every so many of the steps has a point that is reported, counted from `passed` on; 0: none
     reported_every: int = 1
     passed: int = 0
+
+    def behind(self, count: int) -> Proposal:
+        """The same steps without the first ones."""
+        return self._replace(first=self.first + count) if count else self
 
 
 class Source(Protocol):
@@ -103,7 +109,7 @@ class Solved(NamedTuple):
     end: float
     position: Array  # at their ends, (q, n, e)
     momentum: Array
-    inputs: Array | None  # inputs of the memory, (q, n, i, e), where polynomials are kept
+    unknowns: Array | None  # U, (q, n, s, e), where polynomials are kept
 
     @property
     def n_steps(self) -> int:
@@ -148,34 +154,22 @@ def points_of(
 
 def velocities_of(engine: Engine, solved: Sequence[Solved]) -> Array:
     """Velocities at the stages of successive steps, shape ``(scenes, n, r, d)``."""
-    r, d = engine.tables.points.size, engine.scenes[0].dimension
-    inputs = [one.inputs for one in solved if one.inputs is not None]
-    velocity = np.concatenate(inputs, axis=1)
-    if not engine.method.is_runge_kutta:
-        velocity = np.matmul(engine.tables.slopes[1:].T, velocity)
-    q, n = velocity.shape[:2]
+    unknowns = [one.unknowns for one in solved if one.unknowns is not None]
+    velocity = np.matmul(engine.tables.slopes[1:].T, np.concatenate(unknowns, axis=1))
+    q, n, r, _ = velocity.shape
     found = engine.scene_positions(velocity.reshape(q, n * r, -1))
-    return found.reshape(len(engine.scenes), n, r, d)
+    return found.reshape(len(engine.scenes), n, r, -1)
 
 
-def step_failure(steps: Steps, member: int, state: State) -> tuple[int, StepFailedError]:
-    """Which of successive steps has no solution for a member, and why."""
-    first, position = int(steps.failed_at[member]), state.x[member]
-    if first:
-        position = position + steps.dx[member, first - 1]
-    near = "[" + ", ".join(f"{value:.4g}" for value in position) + "]"
+def why_unsolved(steps: Steps, state: State, member: int = 0) -> StepFailedError:
+    """Why a step of a member that begins at `state` has no solution."""
+    if steps.finite is None:
+        return no_unique_solution(steps.h)
+    near = "[" + ", ".join(f"{value:.4g}" for value in state.x[member]) + "]"
     words = f"Newton's iteration did not converge near q = {near}; take a smaller step"
-    if not np.isfinite(steps.change[member]):
+    if not steps.finite[member]:
         words = (
             "the force is not finite (no real number, or a division by zero) near "
             f"q = {near}; take a smaller step if the motion itself stays away from there"
         )
-    return first, StepFailedError(words)
-
-
-def why_unsolved(steps: Steps, state: State) -> StepFailedError:
-    """Why a step of one scene that begins at `state` has no solution."""
-    member = int(np.flatnonzero(steps.failed)[0])
-    if not steps.iterations[member]:
-        return no_unique_solution(steps.h)
-    return step_failure(steps, member, state)[1]
+    return StepFailedError(words)

@@ -18,13 +18,31 @@ def on_components(tables: Array, matrices: Array) -> Array:
 
 
 def on_every_component(table: Array, components: int) -> Array:
-    """The table for each component by itself, ``(..., a, b)`` to ``(..., a e, b e)``."""
-    *lead, a, b = table.shape
-    e = components
-    found = np.zeros((*lead, a, e, b, e))
-    for i in range(e):
-        found[..., i, :, i] = table
-    return found.reshape(*lead, a * e, b * e)
+    """The table for each component by itself, ``(a, b)`` to ``(a e, b e)``."""
+    return np.asarray(np.kron(table, np.eye(components)), dtype=float)
+
+
+def on_points(table: Array, matrices: Array, rows: int) -> Array:
+    """Sum over points i of Kronecker products of ``table[i]`` and ``matrices[:, i]``.
+
+    `table`, ``(r, a b)``, has a matrix of a = `rows` rows for each point; `matrices` are
+    ``(q, r, e, e)``, or ``(q, e, e)`` where they are the same at all points: ``(q, a e, b e)``.
+    """
+    r, columns = len(table), table.shape[1] // rows
+    if matrices.ndim == 3:
+        return on_components(np.add.reduce(table).reshape(1, rows, columns), matrices)
+    q, _, e, _ = matrices.shape
+    if e == 1:
+        return np.asarray((matrices.reshape(q, 1, r) @ table).reshape(q, rows, columns))
+    found = (matrices.transpose(0, 2, 3, 1) @ table).reshape(q, e, e, rows, columns)
+    return np.asarray(found.transpose(0, 3, 1, 4, 2).reshape(q, rows * e, columns * e))
+
+
+def on_steps(table: Array, values: Array) -> Array:
+    """A small matrix ``(a, b)`` on the third axis of ``(q, B, b, e)``."""
+    if values.shape[-1] == 1:
+        return np.asarray(np.matmul(values[..., 0], table.T)[..., None])
+    return np.asarray(np.matmul(table, values))
 
 
 def apply(matrices: Array, vectors: Array) -> Array:
@@ -50,23 +68,3 @@ def largest(values: Array) -> Array:
 def by_columns(matrices: Array) -> Array:
     """The same matrices, stored column by column: quicker to apply where they have many rows."""
     return np.ascontiguousarray(matrices.swapaxes(-2, -1)).swapaxes(-2, -1)
-
-
-def on_steps(table: Array, values: Array) -> Array:
-    """A small matrix ``(a, b)`` on the third axis of ``(q, B, b, e)``."""
-    if values.shape[-1] == 1:
-        return np.asarray(np.matmul(values[..., 0], table.T)[..., None])
-    return np.asarray(np.matmul(table, values))
-
-
-def on_points(table: Array, matrices: Array) -> Array:
-    """Sum over i of Kronecker products of ``table[i]`` and ``matrices[:, i]``, ``(q, s e, s e)``.
-
-    `matrices` are ``(q, r, e, e)``; `table`, ``(r, s s)``, has an ``(s, s)`` matrix in each row.
-    """
-    q, r, e, _ = matrices.shape
-    s = round(table.shape[1] ** 0.5)
-    if e == 1:
-        return np.asarray((matrices.reshape(q, 1, r) @ table).reshape(q, s, s))
-    found = (matrices.transpose(0, 2, 3, 1) @ table).reshape(q, e, e, s, s)
-    return np.asarray(found.transpose(0, 3, 1, 4, 2).reshape(q, s * e, s * e))

@@ -1,0 +1,185 @@
+r"""A block of B equal steps as one linear map.
+
+Position x, momentum p and load vectors g of a block determine the *rows* of every step in it: its
+unknowns U, and the changes of position and momentum from the beginning of the block to its end.
+Rows depend on earlier steps of the block only, so the map by load vectors is a Toeplitz matrix, and
+that of fewer steps is a leading part of it.
+
+The map is computed step by step. To invert the equations of the whole block would lose digits like
+(B omega h)^3 where modes are stiff; here every step begins from its own position.
+
+In nonlinear scenes remainders are further load vectors, and displacements are measured from the
+beginning of the block: the position there has no effect. ``fold`` maps remainders to the points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from fvi_cli.integrator.engine.products import apply, by_columns, on_every_component, on_steps
+from fvi_cli.integrator.engine.step import DenseStep, Frame, Step
+from fvi_cli.integrator.memory.interface import toeplitz_matrix
+from fvi_cli.mathematics.arrays import Array, Mask
+
+
+class Rows(NamedTuple):
+    """Results of n steps."""
+
+    unknowns: Array  # U, (q, n, s, e)
+    dx: Array  # changes of position and momentum from the beginning of the block, (q, n, e)
+    dp: Array
+
+
+class Block:
+    """The map of the steps of a frame, from a step of length h and the matrices of the damping."""
+
+    def __init__(
+        self, frame: Frame, step: Step, matrices: Sequence[Array], *, has_position: bool
+    ) -> None:
+        self.frame, self.step, self._matrices = frame, step, matrices
+        self._has_position = has_position
+        self.e, self._s = frame.unit.components, frame.unit.tables.degree
+
+    @property
+    def singular(self) -> Mask:
+        """Members whose equations have no unique solution."""
+        return self.step.singular
+
+    @cached_property
+    def _by_units(self) -> Array:
+        """Rows by units, ``(q, B, (s + 2) e, n)``.
+
+        Units are of position, where it has an effect, of momentum, and of the load vectors of the
+        first step.
+        """
+        step, e, s, count = self.step, self.e, self._s, self.frame.count
+        q = len(step.singular)
+        starts = 2 * e if self._has_position else e
+        width = starts + (s + 1) * e
+        unit = np.eye(width)
+        x, moved = np.zeros((q, width, e)), np.zeros((q, width, e))
+        if self._has_position:
+            x[:] = unit[:, :e]
+        p, gained = np.broadcast_to(unit[:, starts - e : starts], x.shape), moved
+        loads = np.broadcast_to(unit[:, starts:].reshape(width, s + 1, e), (q, width, s + 1, e))
+        found = np.empty((q, count, (s + 2) * e, width))
+        before = np.empty((q, count * s, width * e))
+        for n in range(count):
+            if n:
+                loads = self._loads_of(before[:, : n * s], width)
+            u, dx, dp = step.solve(x + moved, p + gained, loads)
+            moved, gained = moved + dx, gained + dp
+            before[:, n * s : n * s + s] = u.swapaxes(1, 2).reshape(q, s, -1)
+            rows = np.concatenate([u.reshape(q, width, -1), moved, gained], axis=2)
+            found[:, n] = rows.swapaxes(1, 2)
+        return found
+
+    def _loads_of(self, before: Array, width: int) -> Array:
+        """Load vectors by earlier steps of the block, ``(q, n, s + 1, e)``."""
+        size, shape = before.shape[1], (len(before), self._s + 1, width, self.e)
+        total = np.zeros(shape)
+        for table, matrix in zip(self.frame.damp_before, self._matrices, strict=True):
+            found = np.matmul(table[:, :, table.shape[2] - size :], before).reshape(shape)
+            total += np.matmul(found, matrix[:, None])
+        return total.swapaxes(1, 2)
+
+    @cached_property
+    def start(self) -> Array:
+        """From position, where it has an effect, and momentum to rows, ``(q, B (s + 2) e, ..)``."""
+        found = self._by_units[..., : -(self._s + 1) * self.e]
+        return np.ascontiguousarray(found).reshape(len(found), -1, found.shape[-1])
+
+    @cached_property
+    def by_load(self) -> Array:
+        """From load vectors to rows, ``(q, B (s + 2) e, B (s + 1) e)``."""
+        return toeplitz_matrix(self._by_units[..., -(self._s + 1) * self.e :])
+
+    @cached_property
+    def _whole(self) -> Array:
+        """From position, momentum and load vectors to rows."""
+        return by_columns(np.concatenate([self.start, self.by_load], axis=2))
+
+    @cached_property
+    def _whole_by_force(self) -> Array:
+        """From position, momentum and the damping force of the past to rows."""
+        by_force = on_every_component(self.frame.to_loads, self.e)
+        by_unit = np.matmul(self._by_units[..., -(self._s + 1) * self.e :], by_force)
+        return by_columns(np.concatenate([self.start, toeplitz_matrix(by_unit)], axis=2))
+
+    def solve(
+        self, x: Array | None, p: Array, force: Array | None, loads: Array | None, count: int
+    ) -> Rows:
+        """Rows of the first `count` steps.
+
+        From position and momentum ``(q, e)``, the damping force of the past ``(q, count m, e)`` and
+        load vectors ``(q, count, s + 1, e)``; None: zero.
+        """
+        q, parts, whole = len(p), [p] if x is None else [x, p], None
+        if force is not None and (loads is not None or self.frame.count == 1):
+            by_force = on_steps(self.frame.to_loads, force.reshape(q, count, -1, self.e))
+            loads = by_force if loads is None else loads + by_force
+            force = None
+        if self.frame.count == 1:
+            if loads is None:
+                loads = np.zeros((q, 1, self._s + 1, self.e))
+            return Rows(*self.step.solve(None if x is None else x[:, None], p[:, None], loads))
+        whole = self._whole if force is None else self._whole_by_force
+        parts += [one.reshape(q, -1) for one in (force, loads) if one is not None]
+        given = np.concatenate(parts, axis=1)
+        rows, size = count * (self._s + 2) * self.e, given.shape[1]
+        if rows < whole.shape[1] or size < whole.shape[2]:
+            whole = whole[:, :rows, :size]
+        found = apply(whole, given).reshape(q, count, self._s + 2, self.e)
+        return Rows(found[:, :, :-2], found[:, :, -2], found[:, :, -1])
+
+    @cached_property
+    def fold(self) -> Array:
+        """From remainders to points, ``(q, B r w, B r w)``."""
+        e, s, frame = self.e, self._s, self.frame
+        if frame.count == 1:
+            assert isinstance(self.step, DenseStep)
+            return np.asarray(frame.points @ (self.step.inverse @ frame.tests_inside))
+        rows = self._by_units[..., -(s + 1) * e :]
+        q, count = rows.shape[:2]
+        found = np.matmul(frame.points, rows[:, :, : s * e])
+        by_point = found.reshape(q, count, frame.unit.tables.points.size, -1, found.shape[-1])
+        by_point[:, 1:, :, :e] += rows[:, :-1, None, s * e : (s + 1) * e]
+        return toeplitz_matrix(np.matmul(found, frame.tests))
+
+    def points_of(self, found: Rows, of: Callable[[Array], Array] = np.positive) -> Array:
+        """Displacements, and velocities where these matter, at the points, ``(q, n r w)``.
+
+        With `of` = abs tables have absolute values.
+        """
+        u, tables = found.unknowns, self.frame.unit.tables
+        points = self.frame.h * on_steps(of(tables.basis[1:].T), u)
+        if len(u[0]) > 1:
+            points[:, 1:] += found.dx[:, :-1, None]
+        if self.frame.unit.has_rates:
+            points = np.concatenate([points, on_steps(of(tables.slopes[1:].T), u)], axis=-1)
+        return points.reshape(len(u), -1)
+
+    def loads_of(self, remainders: Array, count: int) -> Array:
+        """Load vectors ``(q, n, s + 1, e)`` of the remainders ``(q, n r, w)`` of n steps."""
+        by_step = remainders.reshape(len(remainders), count, -1)
+        loads = np.matmul(by_step, self.frame.tests.T)
+        return np.asarray(loads.reshape(*by_step.shape[:2], -1, self.e))
+
+    def round_off(self, p: Array, loads: Array, remainders: Array) -> Array:
+        """Sums of the sizes of all terms of the points, ``(q, n r w)``.
+
+        `remainders` are the sizes of terms of remainders, ``(q, n r, w)``. Components that are not
+        coupled have no effect on each other: their entries are exact zeros.
+        """
+        q, count = loads.shape[:2]
+        size, rows = count * (self._s + 1) * self.e, count * (self._s + 2) * self.e
+        terms = apply(np.abs(self.start[:, :rows, -self.e :]), np.abs(p))
+        terms += apply(np.abs(self.by_load[:, :rows, :size]), np.abs(loads).reshape(q, -1))
+        found = terms.reshape(q, count, self._s + 2, self.e)
+        sizes = self.points_of(Rows(found[:, :, :-2], found[:, :, -2], found[:, :, -1]), np.abs)
+        flat = remainders.reshape(q, -1)
+        return sizes + apply(np.abs(self.fold[:, : flat.shape[1], : flat.shape[1]]), flat)
