@@ -1,6 +1,6 @@
 r"""Runge-Kutta steps with every sum of the memory written out: the other route of many tests.
 
-The equations are those of :mod:`fvi_cli.integrator.engine.operator`. The force of a
+The equations are those of :mod:`fvi_cli.integrator.engine.step`. The force of a
 term is
 
 .. math:: F_k = \mu h^{1 - \gamma} \sum_{n=0}^{k} W_n (V_{k-n} - \sigma v_0), \qquad

@@ -33,7 +33,6 @@ from fvi_cli.integrator.observe.request import (
     observations,
 )
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
-from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory, thinned
 from fvi_cli.mathematics.threads import in_one_thread
 

@@ -32,9 +32,9 @@ from fvi_cli.integrator.observe.observer import Impacted
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.observe.search import Fall, first_fall
 from fvi_cli.integrator.observe.surface import Surface, push_off, start_objection
-from fvi_cli.integrator.run.sources import Proposal, why_unsolved
 from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.run.scenes_run import ScenesRun, trajectory_of
+from fvi_cli.integrator.run.sources import Proposal, why_unsolved
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
