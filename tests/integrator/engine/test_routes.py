@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-from fvi_cli.integrator.members import integrate_batch
 from letters import spring
 from spread import spread
 
@@ -11,7 +10,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.engine import blocks
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
-from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.integrate import integrate, integrate_batch
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.scenes.lagrangian import lagrangian_scene
