@@ -56,26 +56,24 @@ def list_runs(path: Path | str) -> StoredFile:
     store.configuration()
     store.fold()
     own: dict[str, dict[str, Any]] = {}
-    found: list[tuple[str, str, Rows, dict[str, Any]]] = []
+    found: list[tuple[str, bool, Rows, dict[str, Any]]] = []
     provenance: dict[str, Any] = {}
     for source in store.sources():
         with opened(source) as file:
             provenance |= read_attributes(file.id)
             for group in run_groups(file):
-                kept, _, experiment = (
-                    str(group.name).rpartition("/")[0].rpartition("/")[0].rpartition("/")
-                )
+                *above, experiment, _, _ = str(group.name).split("/")
                 if experiment == REFERENCES:
                     continue
                 rows = GroupRows(group, source)
                 (variant, *_) = rows.column("variant")
                 settings = json.loads(texts_in(file[SETTINGS][variant])["settings"])
-                if not kept.startswith(f"/{KEPT}"):
+                if KEPT not in above:
                     own.setdefault(experiment, settings)
-                found.append((experiment, kept, rows, settings))
+                found.append((experiment, KEPT in above, rows, settings))
     runs = [
         _stored_run(name, rows, difference_in_words(own.get(name, {}), settings) if kept else "")
-        for name, kept, rows, settings in sorted(found, key=lambda one: bool(one[1]))
+        for name, kept, rows, settings in sorted(found, key=lambda one: one[1])
     ]
     return StoredFile(provenance=provenance, runs=tuple(runs))
 

@@ -81,8 +81,9 @@ class GroupRows(Rows):
             group, axes = own[self.path], {}
             for name, node in datasets(group):
                 # HDF5 copies chunks as they are: damage in them must be seen here
-                for start in range(0, len(node), _rows_in(BLOCK_BYTES, node.shape[1:])):
-                    node[start : start + _rows_in(BLOCK_BYTES, node.shape[1:])]
+                step = max(1, BLOCK_BYTES // max(node.nbytes // max(len(node), 1), 1))
+                for start in range(0, len(node), step):
+                    node[start : start + step]
                 axes[name] = (MEMBER,) if name in self.columns else axes_of(name) or (name,)
                 if name in self.shapes and not self.is_shared(name):
                     axes[name] = (MEMBER, *axes[name])
@@ -95,8 +96,10 @@ def _rows(node: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
     return np.asarray(node[()] if (first, last) == (0, len(node)) else node[first:last])
 
 
-def _rows_in(size: int, shape: Sequence[int]) -> int:
-    return max(1, size // (8 * max(int(np.prod(shape)), 1)))
+def rows_in_block(rows: Rows, shapes: Mapping[str, tuple[int, ...]]) -> int:
+    """How many runs with arrays of these shapes are read or written at once."""
+    own = sum(8 * int(np.prod(one)) for name, one in shapes.items() if not rows.is_shared(name))
+    return max(1, BLOCK_BYTES // max(own, 1))
 
 
 def write_group(
@@ -159,7 +162,7 @@ def _blocks(
         yield 0, rows.arrays(0, 1)
         return
     own = {name: shape for name, shape in shapes.items() if not rows.is_shared(name)}
-    most = _rows_in(BLOCK_BYTES, (sum(int(np.prod(shape)) for shape in own.values()),))
+    most = rows_in_block(rows, shapes)
     total = sum(last - begin for _, begin, last in pieces)
     shared: dict[str, NDArray[Any]] = {}
     start = filled = size = 0

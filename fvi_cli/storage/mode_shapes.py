@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 
 from fvi_cli.storage.files import explain_os_error, replacement
+from fvi_cli.storage.hdf5 import LIBVER, NewGroup, write_attributes
 from fvi_cli.studies.vibration.modes import ModeTable
 
 
@@ -27,25 +28,18 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
         with (
             replacement(path) as handle,
             os.fdopen(os.dup(handle), "w+b") as stream,
-            h5py.File(stream, "w") as file,
+            h5py.File(stream, "w", libver=LIBVER) as file,
         ):
             for number, table in enumerate(tables):
-                path_of_group = f"{table.name}/{number:05d}" if table.member else table.name
-                group = file.create_group(path_of_group)
-                group.attrs["member"] = table.member
-                _write(group, table)
+                name = f"{table.name}/{number:05d}" if table.member else table.name
+                _write(NewGroup(file, name), table)
 
 
-def _write(group: h5py.Group, table: ModeTable) -> None:
+def _write(group: NewGroup, table: ModeTable) -> None:
     modes = table.modes
-    group["mode"] = np.arange(1, len(modes) + 1)
-    group["dof"] = np.arange(len(table.coordinates))
-    for axis in ("mode", "dof"):
-        group[axis].make_scale(axis)
-    # names of thousands of coordinates exceed the largest attribute
-    group.create_dataset(
-        "coordinate", data=np.array(table.coordinates, dtype=object), dtype=h5py.string_dtype()
-    ).dims[0].attach_scale(group["dof"])
+    group.add("mode", ("mode",), np.arange(1, len(modes) + 1))
+    names = np.array([name.encode() for name in table.coordinates], dtype="S")
+    group.add("coordinate", ("dof",), names)
     columns = {
         "real": [mode.frequency.real for mode in modes],
         "imaginary": [mode.frequency.imag for mode in modes],
@@ -55,12 +49,11 @@ def _write(group: h5py.Group, table: ModeTable) -> None:
         "residual": [mode.residual for mode in modes],
     }
     for name, values in columns.items():
-        group[name] = np.array(values)
-        group[name].dims[0].attach_scale(group["mode"])
+        group.add(name, ("mode",), np.array(values, dtype=float))
     shapes = np.array([mode.shape for mode in modes])
-    for name, part in (("shape_real", shapes.real), ("shape_imaginary", shapes.imag)):
-        group[name] = part
-        group[name].dims[0].attach_scale(group["mode"])
-        group[name].dims[1].attach_scale(group["dof"])
-    group.attrs["counted"] = -1 if table.counted is None else table.counted
-    group.attrs["complete"] = "yes" if table.is_complete else "no"
+    group.add("shape_real", ("mode", "dof"), shapes.real.astype(float))
+    group.add("shape_imaginary", ("mode", "dof"), shapes.imag.astype(float))
+    counted = -1 if table.counted is None else table.counted
+    complete = "yes" if table.is_complete else "no"
+    write_attributes(group.id, {"member": table.member, "counted": counted, "complete": complete})
+    group.attach_scales()

@@ -19,7 +19,7 @@ from fvi_cli.storage.columns import arrays_of_row
 from fvi_cli.storage.fields import finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
 from fvi_cli.storage.fold import INDEX, Fold, run_groups
-from fvi_cli.storage.groups import BLOCK_BYTES, GroupRows
+from fvi_cli.storage.groups import GroupRows, rows_in_block
 from fvi_cli.storage.hdf5 import (
     OTHER_VERSION,
     DamagedFileError,
@@ -223,12 +223,16 @@ class Store:
         """
         if self.path is None or not (self.parts() or (prunes and self.path.exists())):
             return
-        with explain_os_error(self.path):
-            lock = file_lock(self.path.with_name(f".{self.path.name}.lock"), waits=True)
-        with lock as is_held:
+        with (
+            explain_os_error(self.path),
+            file_lock(self.path.with_name(f".{self.path.name}.lock"), waits=True) as is_held,
+        ):
             if not is_held:
                 _logger.warning("%s: no locks on this file system; parts stay there", self.folder)
                 return
+            # of a fold that was killed
+            for path in self.path.parent.glob(f".{self.path.name}.*{UNFINISHED}"):
+                path.unlink(missing_ok=True)
             parts = self.parts()
             while True:
                 sources = [*([self.path] if self.path.exists() else []), *parts]
@@ -300,7 +304,7 @@ def _read(
     for (source, path), own in wanted.items():
         with opened(source, path) as file:
             rows = GroupRows(file[path], source)
-            values, most = list(rows.values()), _rows_together(rows)
+            values, most = list(rows.values()), rows_in_block(rows, rows.shapes)
             blocks: dict[int, list[tuple[int, Run]]] = defaultdict(list)
             for row, run in own:
                 blocks[row // most].append((row, run))
@@ -310,18 +314,6 @@ def _read(
                 arrays = rows.arrays_in(file, first, last, motions=motions or not rows.keys)
                 for row, run in members:
                     yield run, rows, row - first, values[row], arrays
-
-
-def _rows_together(rows: GroupRows) -> int:
-    own = sum(8 * _size(shape) for name, shape in rows.shapes.items() if not rows.is_shared(name))
-    return max(1, BLOCK_BYTES // max(own, 1))
-
-
-def _size(shape: Sequence[int]) -> int:
-    size = 1
-    for one in shape:
-        size *= one
-    return size
 
 
 def _indexed(path: Path) -> dict[str, Place]:

@@ -12,7 +12,7 @@ from stored_runs import assert_same
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
-from fvi_cli.storage import Store, groups, list_runs, store
+from fvi_cli.storage import Store, groups, list_runs
 from fvi_cli.storage.identity import identity_of
 
 CONFIG = (
@@ -36,7 +36,6 @@ def keep(folder, text=CONFIG, *overrides):
 @pytest.mark.parametrize("block_bytes", [2**24, 1500, 1])
 def test_members_come_back_as_they_were_computed(tmp_path, monkeypatch, block_bytes):
     monkeypatch.setattr(groups, "BLOCK_BYTES", block_bytes)
-    monkeypatch.setattr(store, "BLOCK_BYTES", block_bytes)
     computed, found = keep(None), keep(tmp_path)
     assert {one.status for one in computed.finished} == {"ok", "diverged"}
     timed = ("run", "failure", "setup_seconds", "stepping_seconds")
