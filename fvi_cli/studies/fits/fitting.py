@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
 from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.threads import in_one_thread
 from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
 from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
@@ -47,6 +49,7 @@ def fit_models(
     return FitResult(name=name, settings=settings, models=tuple(models))
 
 
+@in_one_thread
 def fit_model(settings: FitSettings, described: FitModel) -> ModelFit:
     """Fit one model."""
     model = MotionModel(described, settings.data, ())
@@ -76,7 +79,7 @@ def _given_noise(settings: FitSettings, values: Array) -> Array | float:
     return settings.deviation or rms(values) or 1.0
 
 
-def _values(model: MotionModel, point: Array) -> Mapping[str, tuple[object, ...]]:
+def _values(model: MotionModel, point: Array) -> dict[str, Any]:
     """Estimates without intervals, and the values that a configuration takes."""
     values = model.values(point)
     pairs = zip(model.free, values.tolist(), strict=True)
@@ -112,7 +115,7 @@ def _polished(
             if is_known or len(model.series) == 1 or _is_clean(model, best):
                 break
             fresh = _estimated_noise(model, best)
-            change = max(abs(a / b - 1.0) for a, b in zip(fresh, model.deviations, strict=True))
+            change = np.max(np.abs(np.divide(fresh, model.deviations) - 1.0))
             if change < ENOUGH:
                 break
             model.deviations = list(fresh)

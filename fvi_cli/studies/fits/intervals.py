@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 
@@ -21,7 +22,7 @@ BETTER = 0.01
 LONGEST = 3.0
 """Longest first step of a logarithm, whose parameter may have no influence where it begins."""
 MOST_STEPS = 12
-"""Most steps, each 1.6 times as long as the last, by which an end is sought."""
+"""Most steps, each 1.6 times as long as the last, by which an end is sought; .3 after a failure."""
 
 
 class BetterMinimumError(ValueError):
@@ -123,13 +124,15 @@ class Profile:
         start[others] = np.clip(start[others], *(np.array(b)[others] for b in self._model.bounds))
         start[index] = value
         gain = CLOSE * self._threshold**2 * self._variance
-        options = {"most": 30, "tolerance": 1e-8, "gain": gain, "fixed": index}
+        fit = partial(
+            least_squares_from, self._model, most=30, tolerance=1e-8, gain=gain, fixed=index
+        )
         try:
-            found = least_squares_from(self._model, start, **options)
+            found = fit(start)
         except RunFailedError:
             start = near.point.copy()
             start[index] = value
-            found = least_squares_from(self._model, start, **options)
+            found = fit(start)
         if found.message:
             raise RunFailedError(found.message)
         if found.cost < best.cost - BETTER * self._variance:
@@ -147,21 +150,19 @@ class Profile:
         centre = float(self._best.point[self._index])
         if not math.isfinite(step) or self._model.free[self._index].is_positive:
             step = math.copysign(min(abs(step), LONGEST), step)
-        value, inside = centre, centre
-        try:
-            for _ in range(MOST_STEPS):
-                if value == limit:
-                    return limit
-                inside, value = value, value + step
-                value = limit if (value - limit) * step >= 0 else value
+        inside = centre
+        for _ in range(MOST_STEPS):
+            value = inside + step
+            value = limit if (value - limit) * step >= 0 else value
+            try:
                 excess = self.excess(value)
-                if excess == 0.0:
+                if excess == 0.0 or (excess < 0.0 and value == limit):
                     return value
                 if excess > 0.0:
                     width = abs(value - inside)
-                    found = brentq(self.excess, inside, value, xtol=CLOSE * width, rtol=1e-12)
-                    return float(found)
-                step *= 1.6
-        except RunFailedError:
-            return math.nan
+                    return float(brentq(self.excess, inside, value, xtol=CLOSE * width, rtol=1e-12))
+                inside, step = value, 1.6 * step
+            except RunFailedError:
+                # neither inside nor outside: nearer values may tell
+                step *= 0.3
         return math.nan

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.matrices import times
+from fvi_cli.effects.matrices import dense, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.along import Along
 from fvi_cli.integrator.gradients.gradient import jacobians, run_steps
@@ -97,12 +97,9 @@ def _displacements(
         every = [harmonic_force(text, of, names, ground_direction) for text in data.forces]
         return np.asarray(sum(every))
 
-    stiffness = DynamicStiffness(scene)
-    try:
-        factors = [stiffness.factors(one) for one in s.tolist()]
-    except np.linalg.LinAlgError:
-        raise ValueError("a mode without damping lies at a measured frequency") from None
-    response = np.array([one.solve(force(scene).astype(complex)) for one in factors])
+    solve = _solver(DynamicStiffness(scene), s)
+    load = force(scene).astype(complex)
+    response = solve(np.broadcast_to(load[:, None], (s.size, load.size, 1)))[..., 0]
 
     def residuals(scenes: list[Scene]) -> ComplexArray:
         """T q - f of scenes at these amplitudes."""
@@ -117,8 +114,20 @@ def _displacements(
 
     left = np.zeros((len(parameters), *response.shape), dtype=complex)
     left -= by_rule(scene, parameters, MATRICES, residuals)
-    slopes = [one.solve(left[:, k].T).T for k, one in enumerate(factors)]
-    return response, np.stack(slopes, axis=1)
+    return response, solve(left.transpose(1, 2, 0)).transpose(2, 0, 1)
+
+
+def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexArray], ComplexArray]:
+    """Solutions of T(s) x = b for every s, ``(n, d, k)``."""
+    try:
+        if not stiffness.is_sparse:
+            forms = np.stack(list(map(dense, stiffness.forms)))
+            inverse = np.linalg.inv(np.tensordot(stiffness.symbols_over(s), forms, axes=1))
+            return lambda right: np.asarray(inverse @ right)
+        factors = [stiffness.factors(one) for one in s.tolist()]
+    except np.linalg.LinAlgError:
+        raise ValueError("a mode without damping lies at a measured frequency") from None
+    return lambda right: np.array([o.solve(b) for o, b in zip(factors, right, strict=True)])
 
 
 def _damper_stiffness(scene: Scene, s: ComplexArray) -> ComplexArray:
