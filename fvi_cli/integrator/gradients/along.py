@@ -30,7 +30,7 @@ from fvi_cli.integrator.gradients.parameters import (
     rate_of_forcing,
     rate_of_remainder,
 )
-from fvi_cli.integrator.observations.dampers import (
+from fvi_cli.integrator.observe.dampers import (
     TOGETHER,
     DamperValue,
     damper_alone,
@@ -38,9 +38,9 @@ from fvi_cli.integrator.observations.dampers import (
     dampers_of,
     deformation_of,
 )
-from fvi_cli.integrator.observations.motion import DenseMotion
-from fvi_cli.integrator.observations.observer import Observer
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.motion import Motion
+from fvi_cli.integrator.observe.observer import Observer
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -76,7 +76,7 @@ class Along:
             kinds & {"a", "d"} or any(one.kind == "force" for one, _ in self._dampers)
         )
 
-    def _motion_of(self, scenes: Sequence[Scene]) -> DenseMotion:
+    def _motion_of(self, scenes: Sequence[Scene]) -> Motion:
         """The same motion under the forces of scenes, one member for each."""
         run = self._run
 
@@ -85,10 +85,9 @@ class Along:
             if place is not None:
                 velocity = deformation_of(run.scene, place, velocity)
                 acting = [damper_alone(one, place) for one in scenes]
-            return [one[None] for one in run.forces_of(acting, velocity)]
+            return run.forces_of(acting, velocity)
 
-        steps = (run.steps,) * len(scenes)
-        return DenseMotion(scenes=tuple(scenes), steps=steps, find_forces=forces)
+        return Motion(scenes, [run.steps] * len(scenes), forces)
 
     def rates(self, parameters: Sequence[Parameter]) -> Array:
         """Derivatives by p parameters with the motion held fixed, ``(p, n)``."""

@@ -29,7 +29,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.results.run_steps import RunSteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
 LARGEST_STEP = 1500

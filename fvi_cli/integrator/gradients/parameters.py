@@ -22,10 +22,10 @@ from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances.balance import loads_along
+from fvi_cli.integrator.balances import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.loads import StepLoads
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
@@ -275,8 +275,8 @@ def by_rule(
     scene: Scene,
     parameters: Sequence[Parameter],
     kinds: tuple[str, ...],
-    values: Callable[[list[Scene]], Array],
-) -> Array | float:
+    values: Callable[[list[Scene]], Any],
+) -> Any:
     """Derivatives ``(p, ...)`` of values of scenes, ``(k, ...)`` of k, by numbers of some kinds."""
     numbers, scenes, rules = numbers_of(scene), list[Scene](), {}
     for place, one in enumerate(parameters):

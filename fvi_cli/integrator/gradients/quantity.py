@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observations.dampers import damper_values
-from fvi_cli.integrator.observations.request import Observations, known_names
+from fvi_cli.integrator.observe.dampers import damper_values
+from fvi_cli.integrator.observe.request import Observations, known_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 

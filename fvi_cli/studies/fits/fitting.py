@@ -115,7 +115,10 @@ def _polished(
             if is_known or len(model.series) == 1 or _is_clean(model, best):
                 break
             fresh = _estimated_noise(model, best)
-            change = np.max(np.abs(np.divide(fresh, model.deviations) - 1.0))
+            change = max(
+                float(np.max(np.abs(a / b - 1.0)))
+                for a, b in zip(fresh, model.deviations, strict=True)
+            )
             if change < ENOUGH:
                 break
             model.deviations = list(fresh)

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.gradients.parameters import Described, parameter_of
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
-from fvi_cli.integrator.observations.request import Observations
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.registry import build_problem
@@ -101,6 +102,7 @@ class MotionModel:
         specified = with_values(self.model.specification, self.assignments(number, values))
         problem = build_problem(specified, search=False)
         scene = problem.scene
+        assert isinstance(scene, Scene)
         names = Observations(
             coordinates=data.coordinates or problem.coordinates,
             parameters=problem.numbers,

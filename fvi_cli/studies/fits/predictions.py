@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.matrices import dense, times
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.along import Along
 from fvi_cli.integrator.gradients.gradient import jacobians, run_steps
@@ -108,7 +110,7 @@ def _displacements(
             parts = DynamicStiffness(one)
             symbols = parts.symbols_over(s)
             every = zip(symbols.T, parts.forms, strict=True)
-            total = sum(symbol[:, None] * times(response, form) for symbol, form in every)
+            total = sum(symbol[:, None] * (form @ response.T).T for symbol, form in every)
             found.append(total - force(one))
         return np.array(found)
 
@@ -133,7 +135,8 @@ def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexAr
 def _damper_stiffness(scene: Scene, s: ComplexArray) -> ComplexArray:
     """Complex stiffness g(s) of dampers whose displacement is given, ``(n,)``."""
     total = np.zeros(s.shape, complex)
-    for one in (*scene.damping, *scene.laws):
+    every: list[FractionalDamping | Law] = [*scene.damping, *scene.laws]
+    for one in every:
         symbols = np.array([one.symbol(at) for at in s.tolist()])
         total += one.matrix[0, 0] * (getattr(one, "spring", 0.0) + symbols)
     return total

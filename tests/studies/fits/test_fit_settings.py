@@ -76,7 +76,7 @@ def test_a_run_that_fails_ends_a_fit_with_a_message(folder, monkeypatch):
     load(folder)
     (result,) = fvi.fit(folder / "decay.yaml")
     assert not result.is_converged
-    assert "the run fails at the best point (the run diverged)" in result.best.message
+    assert "the run diverged" in result.best.message
 
 
 def structure(folder: Path, size: int) -> fvi.LoadedConfig:
