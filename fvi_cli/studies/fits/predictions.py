@@ -109,7 +109,7 @@ def _displacements(
         for one in scenes:
             parts = DynamicStiffness(one)
             symbols = parts.symbols_over(s)
-            every = zip(symbols.T, parts.forms, strict=True)
+            every: Any = zip(symbols.T, parts.forms, strict=True)  # dense or sparse
             total = sum(symbol[:, None] * (form @ response.T).T for symbol, form in every)
             found.append(total - force(one))
         return np.array(found)
