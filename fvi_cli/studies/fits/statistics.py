@@ -64,7 +64,7 @@ def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     rows = np.split(inverse @ left.T, np.cumsum(sizes)[:-1], axis=1)
     shares = np.array([np.sum(part**2, axis=1) for part in rows])
     shares /= np.maximum(shares.sum(axis=0), 1e-300)
-    return np.asarray(1.0 / np.sum(shares**2 / own[:, None], axis=0))
+    return np.asarray(1.0 / np.maximum(np.sum(shares**2 / own[:, None], axis=0), 1e-300))
 
 
 def criterion(left: Sequence[Array], misfit: float, p: int, *, is_known: bool) -> float:
