@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import ArgumentError
+from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.parameters import Described, entries_of, parameter_of
 from fvi_cli.integrator.gradients.quantity import Quantity
@@ -17,7 +17,6 @@ from fvi_cli.integrator.integrate import method_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.scenes.problem import Problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +27,7 @@ T = TypeVar("T")
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
 
-FIGURE_KINDS = (
+FigureKind = Literal[
     "convergence",
     "trajectory",
     "energy",
@@ -40,7 +40,8 @@ FIGURE_KINDS = (
     "section",
     "hysteresis",
     "spectrum",
-)
+]
+FIGURE_KINDS: tuple[str, ...] = get_args(FigureKind)
 """Kinds of figures that ``Experiment.figures`` may name."""
 UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
 """Keys of ``units`` other than names of coordinates and quantities."""

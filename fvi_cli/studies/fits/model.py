@@ -100,7 +100,7 @@ class MotionModel:
         values, data = values.copy(), self.data[number]
         values[index] = value if index >= 0 else values[index]
         specified = with_values(self.model.specification, self.assignments(number, values))
-        problem = build_problem(specified, search=False)
+        problem = build_problem(specified)
         scene = problem.scene
         assert isinstance(scene, Scene)
         names = Observations(

@@ -38,7 +38,9 @@ def run_for_tolerance(
         raise ValueError(f"{experiment.name}: no tolerance is asked for")
     unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
     tolerance = accuracy.tolerance
-    wanted = accuracy.replaced(tolerance=None if tolerance is None else tolerance / unit)
+    wanted = accuracy
+    if tolerance is not None:
+        wanted = accuracy.model_copy(update={"tolerance": tolerance / unit})
     found, other = solve_by_two_runs(scene, wanted, log=log)
     method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
     known = found.assessment
