@@ -62,7 +62,8 @@ def run_for_tolerance(
         )
     floor = 100 * EPSILON * unit * float(np.abs(trajectory.position).max())
     status: Observed = "floor" if error < floor else "ok"
-    trajectory = replace(trajectory, assessment=known, steps=None, on_mesh=None)
+    steps = on_mesh.steps if run.keeps_steps else None
+    trajectory = replace(trajectory, assessment=known, steps=steps, on_mesh=None)
     if known.outcome != "met":
         reason = "unreliable: " * (known.outcome == "unreliable") + known.reason
         trajectory, status = replace(trajectory, status="refused", message=reason), "refused"
