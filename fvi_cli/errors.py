@@ -5,6 +5,9 @@ Wrong arguments raise :class:`ValueError`; the others are raised for requests an
 
 from __future__ import annotations
 
+import difflib
+from collections.abc import Iterable
+
 
 class ArgumentError(ValueError):
     """An argument, or a value of a configuration, that is not allowed.
@@ -66,3 +69,36 @@ class StorageError(FviError):
 
 class ExecutorError(FviError):
     """Workers that cannot be reached or used (exit code 2)."""
+
+
+LONGEST_EXCERPT = 60
+
+
+def excerpt(text: str, longest: int = LONGEST_EXCERPT) -> str:
+    """`text` in one line of printable characters, shortened."""
+    if len(text) > longest:
+        text = text[: longest - 3] + "..."
+    return printable(text)
+
+
+def printable(text: str) -> str:
+    """`text` with escapes in place of unprintable characters."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+
+
+def suggestion(word: str, known: Iterable[str]) -> str:
+    """``; did you mean 'x'?`` for the nearest known word, or an empty text."""
+    by_case = {name.lower(): name for name in known}
+    short = word.lower()[:LONGEST_EXCERPT]
+    nearest = difflib.get_close_matches(short, by_case, n=1)
+    if not nearest and len(short) > 3:
+        # such as explicit-euler for euler
+        nearest = [name for name in by_case if short in name][:1]
+    return f"; did you mean {by_case[nearest[0]]!r}?" if nearest else ""
+
+
+def listed(words: Iterable[str]) -> str:
+    """Words separated by commas."""
+    return ", ".join(words)

@@ -16,7 +16,7 @@ FILES = {"planned.yaml": SCENE}
 
 def test_a_run_for_which_there_is_no_memory_is_refused_with_the_number(folder, monkeypatch):
     (folder / "planned.yaml").write_text(SCENE.replace("[64, 128]", "[4096]"))
-    module = "fvi_cli.config.memory.machine_bytes"
+    module = "fvi_cli.config.machine.machine_bytes"
     # twice time, energy, position and momentum of every point
     monkeypatch.setattr(module, lambda: 8 * 8 * 4096 - 1)
     result = fvi("run", "planned.yaml", code=2)

@@ -15,7 +15,7 @@ from shown_numbers import differences_of_texts
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.bdf import left_operator
-from fvi_cli.scenes.registry import PROBLEM
+from fvi_cli.scenes.registry import KINDS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -145,7 +145,7 @@ def test_the_tables_are_those_in_results(text, name):
 def test_every_kind_of_problem_has_its_place_among_the_scenes():
     page = (ROOT / "docs/reference/scenes.md").read_text(encoding="utf-8")
     named = set(re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE))
-    assert named | {"fractional-derivative"} == set(PROBLEM.kinds)
+    assert named | {"fractional-derivative"} == set(KINDS)
 
 
 def test_starting_weights_cost_an_order_on_the_damped_oscillator():

@@ -9,21 +9,14 @@ from functools import partial
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import ArgumentError
+from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.integrator.gradients.gradient import gradient_of
-from fvi_cli.integrator.gradients.parameters import (
-    Described,
-    Entry,
-    Parameter,
-    entries_of,
-    parameter_of,
-)
+from fvi_cli.integrator.gradients.parameters import Described, entries_of, parameter_of
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.integrate import method_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
-from fvi_cli.keys.complaints import excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.scenes.problem import Problem
@@ -45,16 +38,11 @@ class Gradient:
         :math:`\sum G\, d\theta`.
     left_out
         Where all parameters were requested, those without a derivative, and why.
-    n_steps, step_solves
-        Number of steps of the run, and number of linear systems of a step that were solved for the
-        derivatives (not for the run): one for every step, for any number of parameters.
     """
 
     value: float
     derivatives: Mapping[str, Array]
     left_out: Mapping[str, str]
-    n_steps: int
-    step_solves: int
 
     def __getitem__(self, name: str) -> Array:
         """The derivative by one parameter."""
@@ -120,45 +108,42 @@ def gradient(
     if not isinstance(chosen, Method):
         raise ValueError(f"method: {chosen.label} keeps no polynomials; take a Gauss method")
     if isinstance(scene, Scene | Problem | Experiment):
-        entries = _named(_scene(scene), parameters)
         own = _scene(scene).lagrangian or _scene(scene).potential
         described = _described(scene, getattr(own, "parameters", {}))
-    elif not isinstance(parameters, Mapping):
-        raise ValueError("parameters: give the arguments of the function with their values")
-    else:
+        entries = entries_of(described[0])
+        if parameters is not None:
+            unknown = [name for name in parameters if name not in entries]
+            if unknown or isinstance(parameters, Mapping):
+                raise ValueError(
+                    f"parameters: {', '.join(map(repr, unknown)) or 'a mapping'} for a scene; give "
+                    f"a list of some of {', '.join(entries)}"
+                )
+            entries = {name: entries[name] for name in parameters}
+        changes = [one.parameter(index) for one in entries.values() for index in one.indices]
+    elif isinstance(parameters, Mapping):
         values = {name: float(value) for name, value in parameters.items()}
-        described = _described(scene(**values), values)
-        entries = {}
-        for name, value in values.items():
-            family = partial(_made, scene, values, name)
-            part = parameter_of(name, family, value, described)
-            entries[name] = Entry(value=np.array(value), parameter=partial(_whole, part))
-    changes = (one.parameter(index) for one in entries.values() for index in one.indices)
+        described, entries = _described(scene(**values), values), {}
+        changes = [
+            parameter_of(name, partial(_made, scene, values, name), value, described)
+            for name, value in values.items()
+        ]
+    else:
+        raise ValueError("parameters: give the arguments of the function with their values")
     found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
-    left_out = found.left_out
+    left_out, rates = found.left_out, iter(found.derivatives.tolist())
     if left_out and parameters is not None:
         raise ValueError(next(iter(left_out.values())))
-    rates = iter(found.derivatives.tolist())
-    gathered = {
+    derivatives = {
         name: one.gathered([next(rates) for _ in one.indices]) for name, one in entries.items()
-    }
+    } or {one.name: np.array(next(rates)) for one in changes}
     return Gradient(
         value=found.value,
-        derivatives={name: one for name, one in gathered.items() if name not in left_out},
+        derivatives={name: one for name, one in derivatives.items() if name not in left_out},
         left_out=left_out,
-        n_steps=found.n_steps,
-        step_solves=found.step_solves,
     )
 
 
 def _scene(subject: Subject) -> Scene:
-    """The scene.
-
-    Raises
-    ------
-    ValueError
-        If there is no motion, or one with impacts.
-    """
     if isinstance(subject, Scene):
         return subject
     if isinstance(subject, Experiment) and subject.observations.impacts:
@@ -169,29 +154,25 @@ def _scene(subject: Subject) -> Scene:
     return problem.scene
 
 
-def _names(subject: Subject, values: Mapping[str, float]) -> Observations:
-    """The names in expressions; variables of the motion hide arguments of the same name."""
-    given = Observations(coordinates=names_of(_scene(subject)))
+def _described(subject: Subject, values: Mapping[str, float]) -> Described:
+    """The scene, and the names in expressions; those of the motion hide arguments."""
+    scene = _scene(subject)
+    names = Observations(coordinates=names_of(scene))
     problem: object = subject
     if isinstance(subject, Experiment):
-        request, problem = subject.observations, subject.problem
-        given = replace(given, quantities=request.quantities)
+        problem = subject.problem
+        names = replace(names, quantities=subject.observations.quantities)
     if isinstance(problem, Problem):
-        names = problem.coordinates or given.coordinates
-        given = replace(
-            given,
-            coordinates=names,
+        names = replace(
+            names,
+            coordinates=problem.coordinates or names.coordinates,
             inputs=problem.inputs,
             parameters=problem.numbers,
             ready=problem.ready,
         )
-    taken = {*known_names(given.coordinates), *given.inputs, *FUNCTION_NAMES, "pi"}
+    taken = {*known_names(names.coordinates), *names.inputs, *FUNCTION_NAMES, "pi"}
     own = {name: value for name, value in values.items() if name not in taken}
-    return replace(given, parameters={**given.parameters, **own})
-
-
-def _described(subject: Subject, values: Mapping[str, float]) -> Described:
-    return _scene(subject), _names(subject, values)
+    return scene, replace(names, parameters={**names.parameters, **own})
 
 
 def _made(
@@ -199,21 +180,3 @@ def _made(
 ) -> Described:
     changed = {**values, name: value}
     return _described(family(**changed), changed)
-
-
-def _whole(one: Parameter, index: tuple[int, ...]) -> Parameter:
-    """The parameter of a number, which has one part."""
-    return one
-
-
-def _named(
-    scene: Scene, parameters: Sequence[str] | Mapping[str, float] | None
-) -> dict[str, Entry]:
-    if isinstance(parameters, Mapping):
-        raise ValueError("parameters: their values stand in the scene; give names")
-    known = entries_of(scene)
-    names = list(known) if parameters is None else list(parameters)
-    for name in names:
-        if name not in known:
-            raise ValueError(f"parameters: {name!r} is not one of {', '.join(known)}")
-    return {name: known[name] for name in names}

@@ -1,7 +1,7 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
-from fvi_cli.config.load import LoadedConfig, load_config, load_stored, parse_config
-from fvi_cli.config.reference import (
+from fvi_cli.config.load import LoadedConfig, load_config, load_values, parse_config
+from fvi_cli.config.page import (
     MODELINE,
     SCHEMA_FILE,
     configuration_reference,
@@ -27,7 +27,7 @@ __all__ = [
     "guide_pages",
     "json_schema",
     "load_config",
-    "load_stored",
+    "load_values",
     "parse_config",
     "schema_text",
     "shipped_configs",

@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from fvi_cli.config.experiment import ReadExperiment, make_experiment
-from fvi_cli.config.keys.experiment import NAME, SEVERAL, SINGLE
-from fvi_cli.config.keys.sweep import Sweep
-from fvi_cli.config.members import experiment_cursors, first_members
-from fvi_cli.config.text.document import LARGEST_DOCUMENT, read_document
-from fvi_cli.config.text.overrides import apply_overrides
-from fvi_cli.errors import ConfigError
-from fvi_cli.keys.complaints import ChecksMember, Complaints, SourcePosition, every_member, excerpt
-from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.nodes import ListNode, MappingNode, Node, ScalarNode, describe, node_of
+from pydantic import TypeAdapter, ValidationError
+
+from fvi_cli.config.build import Built, build_experiment
+from fvi_cli.config.members import with_first
+from fvi_cli.config.mistakes import Report
+from fvi_cli.config.models import (
+    ExperimentKeys,
+    FileName,
+    MemberKeys,
+    SeveralExperiments,
+    WithoutProblem,
+)
+from fvi_cli.config.overrides import apply_overrides
+from fvi_cli.config.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
+from fvi_cli.errors import ConfigError, excerpt
+from fvi_cli.scenes.keys.mistakes import describe
+from fvi_cli.scenes.keys.values import KeyPath
 from fvi_cli.studies.experiment import Experiment
+
+_CHECKED_AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
+    "method": ("expect", "claims", "ladder"),
+    "ladder": ("method", "expect", "claims"),
+    "accuracy": ("ladder", "method", "expect", "claims"),
+    "quantities": ("units", "figures", "fit"),
+    "events": ("figures",),
+    "impacts": ("figures",),
+    "sweep": ("figures",),
+    "designs": ("figures", "sweep"),
+}
+"""By key of an experiment what is not checked where its value is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -36,11 +56,11 @@ class LoadedConfig:
 
 
 def load_config(
-    path: Path, *, overrides: Sequence[str] = (), checks_member: ChecksMember = every_member
+    path: Path, *, overrides: Sequence[str] = (), check_members: bool = True
 ) -> LoadedConfig:
     """Read and check a configuration file (YAML in UTF-8) with changes ``key.path=value``.
 
-    `checks_member(number)` says whether a member of a sweep is checked.
+    `check_members`: the problem of every member of a sweep is built and checked.
 
     Raises
     ------
@@ -50,26 +70,19 @@ def load_config(
     source = excerpt(str(path), 1000)
     try:
         with path.open("rb") as file:
-            content = file.read(4 * LARGEST_DOCUMENT + 1)
+            content = file.read(4 * LARGEST_TEXT + 1)
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise ConfigError(f"{source}: cannot be read: {reason}") from None
-    if len(content) > LARGEST_DOCUMENT:
-        raise ConfigError(f"{source}:1:1: more than {LARGEST_DOCUMENT} bytes: too large")
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = content[: error.start].decode("utf-8-sig")
-        place = SourcePosition(
-            source=source,
-            line=before.count("\n") + 1,
-            column=len(before) - (before.rfind("\n") + 1) + 1,
-        )
-        raise ConfigError(
-            f"{place}: not UTF-8 (byte 0x{content[error.start]:02x}); save the file as UTF-8"
-        ) from None
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        words = f"not UTF-8 (byte 0x{content[error.start]:02x}); save the file as UTF-8"
+        raise ConfigError(f"{Place(source, line, column)}: {words}") from None
     return parse_config(
-        text, str(path), base=path.parent, overrides=overrides, checks_member=checks_member
+        text, str(path), base=path.parent, overrides=overrides, check_members=check_members
     )
 
 
@@ -79,101 +92,174 @@ def parse_config(
     *,
     base: Path | None = None,
     overrides: Sequence[str] = (),
-    checks_member: ChecksMember = every_member,
-    is_json: bool = False,
+    check_members: bool = True,
 ) -> LoadedConfig:
     """Check the text of a configuration and build its experiments, as :func:`load_config` does.
 
-    Complaints name the text by `source_name`, whose stem is the default name; relative paths begin
+    Mistakes name the text by `source_name`, whose stem is the default name; relative paths begin
     in the folder `base`, or in that of the process.
     """
-    complaints = Complaints(folder=base, checks_member=checks_member)
-    start = SourcePosition(source=excerpt(source_name, 1000), line=1, column=1)
-    root = read_document(text, start, complaints, is_json=is_json)
-    return _loaded(root, text, source_name, start, complaints, overrides)
+    try:
+        document = read_document(text, excerpt(source_name, 1000))
+    except MistakesError as error:
+        raise ConfigError(*map(str, sorted(error.mistakes))) from None
+    return _loaded(document, text, source_name, base, overrides, check_members)
 
 
-def load_stored(
+def load_values(
     values: Mapping[str, Any],
     source_name: str,
     *,
+    base: Path | None = None,
     overrides: Sequence[str] = (),
-    checks_member: ChecksMember = every_member,
+    check_members: bool = True,
 ) -> LoadedConfig:
-    """Build the experiments of a resolved configuration, as :func:`parse_config` does from a text.
+    """Build the experiments of JSON values, as :func:`parse_config` does from a text.
 
-    There is no limit on its size, since the program itself has written it.
+    There is no limit on their size.
     """
-    complaints = Complaints(checks_member=checks_member)
-    start = SourcePosition(source=excerpt(source_name, 1000))
-    text = json.dumps(values)
-    return _loaded(node_of(values, start), text, source_name, start, complaints, overrides)
+    text = json.dumps(values, indent=1)
+    document = Document(excerpt(source_name, 1000), json.loads(text))
+    return _loaded(document, text, source_name, base, overrides, check_members)
 
 
 def _loaded(
-    root: Node | None,
+    document: Document,
     text: str,
     source_name: str,
-    start: SourcePosition,
-    complaints: Complaints,
+    base: Path | None,
     overrides: Sequence[str],
+    check_members: bool,
 ) -> LoadedConfig:
-    if isinstance(root, ScalarNode) and root.value is None:
-        complaints.add(start, (), "the configuration is empty; `fvi new` writes one")
-    elif isinstance(root, ScalarNode | ListNode):
-        complaints.add(
-            root.place,
-            (),
-            f"{describe(root)} is not allowed; it must be a mapping with "
-            "name, problem, method and ladder, or with experiments",
-        )
-    if not isinstance(root, MappingNode):
-        raise complaints.error()
-    changed, sweeps = first_members(apply_overrides(root, overrides, complaints), complaints)
-    name, read = _read(changed, sweeps, Path(source_name).stem, complaints)
-    complaints.raise_if_any()
-    experiments = tuple(experiment for _, experiment in read if experiment is not None)
-    if len(experiments) != len(read) or not isinstance(name, str):
-        raise ConfigError(f"{start}: cannot be used")  # pragma: no cover - said above
+    report = Report(document)
+    report.found += apply_overrides(document, overrides)
+    if not isinstance(document.value, dict):
+        words = "it must be a mapping with name, problem, method and ladder, or with experiments"
+        report.add(f"{describe(document.value)} is not allowed; {words}")
+        raise report.error()
+    context = {"folder": base or Path(), "files": {}}
+    several = "experiments" in document.value
+    name = _name(document.value, Path(source_name).stem, report)
+    if several:
+        try:
+            SeveralExperiments.model_validate(document.value)
+        except ValidationError as error:
+            report.validation(error, document.value, SeveralExperiments)
+    built: list[Built | None] = []
+    names: dict[str, int] = {}
+    for number, values in _experiments(document.value, report):
+        under = report.under("experiments", number) if several else report
+        own = values.get("name", "" if several else name)
+        if several and "name" not in values:
+            under.add("missing: the name of the experiment; file names come from it", "name")
+        # file systems that ignore case would confuse names that differ in case only
+        first = names.setdefault(str(own).lower(), number)
+        if first != number and own:
+            under.add(f"{own!r} is the name of experiments.{first} already", "name")
+        built.append(_read(values, str(own), under, context, check_members=check_members))
+    if len(report) or None in built:
+        raise report.error()
+    found = [one for one in built if one is not None]
     return LoadedConfig(
         path=Path(source_name),
         name=name,
         text=text,
-        resolved={"name": name, "experiments": [resolved for resolved, _ in read]},
-        experiments=experiments,
+        resolved={"name": name, "experiments": [one.resolved for one in found]},
+        experiments=tuple(one.experiment for one in found),
         overrides=tuple(overrides),
     )
 
 
+def _name(values: Mapping[str, Any], stem: str, report: Report) -> str:
+    """The name of a file; without one its stem."""
+    if "name" not in values and not is_name(stem):
+        words = f"missing; the name of the file, {excerpt(stem)!r}, cannot stand in for it: it "
+        report.add(words + "must be letters, digits, - and _", "name")
+    return str(values.get("name", stem))
+
+
+def is_name(text: str) -> bool:
+    """Whether a text can be the name of an experiment, and so part of a file name."""
+    try:
+        TypeAdapter(FileName).validate_python(text)
+    except ValidationError:
+        return False
+    return True
+
+
+def _experiments(values: Mapping[str, Any], report: Report) -> Iterator[tuple[int, dict[str, Any]]]:
+    """The mappings of all experiments, with their numbers."""
+    given = values.get("experiments", [values])
+    for number, one in enumerate(given if isinstance(given, list) else ()):
+        if isinstance(one, dict):
+            yield number, one
+        else:
+            words = f"{describe(one)} is not allowed; it must be a mapping with name, problem, ..."
+            report.add(words, "experiments", number)
+
+
 def _read(
-    root: Node, sweeps: Sequence[Sweep | None], stem: str, complaints: Complaints
-) -> tuple[Any, list[ReadExperiment]]:
-    at = Cursor(node=root, complaints=complaints)
-    several = at.has("experiments")
-    values = (SEVERAL if several else SINGLE).read(at)
-    name = values.get("name", stem)
-    if "name" not in values and not NAME.allows(stem):
-        at.refuse(
-            f"missing; the name of the file, {excerpt(stem)!r}, cannot "
-            f"stand in for it: it must be {NAME.expected}",
-            "name",
-        )
-    read: list[ReadExperiment] = []
-    inner = values["experiments"] if several else [values]
-    if not isinstance(inner, list):
-        return name, read
-    seen: dict[str, int] = {}
-    for index, (entry, one, sweep) in enumerate(
-        zip(inner, experiment_cursors(root, complaints), sweeps, strict=True)
-    ):
-        if not isinstance(entry, Mapping):
-            continue
-        own = entry["name"] if several else name
-        read.append(make_experiment(entry, own, one, sweep))
-        if isinstance(own, str):
-            # file systems that ignore case would confuse names that differ in case only
-            if own.lower() in seen:
-                taken = f"experiments.{seen[own.lower()]}"
-                one.refuse(f"{own!r} is the name of {taken} already", "name")
-            seen.setdefault(own.lower(), index)
-    return name, read
+    values: dict[str, Any],
+    name: str,
+    report: Report,
+    context: Mapping[str, Any],
+    *,
+    check_members: bool,
+) -> Built | None:
+    """The experiment of a mapping; mistakes inside of keys are told with those between keys."""
+    before, base = len(report), values
+    members = {key: values[key] for key in ("designs", "sweep") if key in values}
+    if members:
+        # mistakes of these keys are told below
+        with contextlib.suppress(ValidationError):
+            values = with_first(values, MemberKeys.model_validate(members), report)
+    keys: ExperimentKeys | None
+    try:
+        keys = ExperimentKeys.model_validate(values, context=context)
+    except ValidationError as error:
+        report.validation(error, values, ExperimentKeys)
+        keys = _partly(values, report, before, context)
+    told = {one.path for one in report.found[before:]}
+    for path in _empty(values):
+        if (*report.prefix, *path) not in told:
+            report.add("the value is missing", *path)
+    if keys is None:
+        return None
+    return build_experiment(
+        keys,
+        values,
+        name,
+        report,
+        context,
+        base=base,
+        before=before,
+        check_members=check_members,
+    )
+
+
+def _empty(values: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
+    """Key paths of empty values; in members they take a key away."""
+    if values is None:
+        yield path
+    elif isinstance(values, dict):
+        for key, one in values.items():
+            if key not in ("designs", "sweep", "set"):
+                yield from _empty(one, (*path, key))
+    elif isinstance(values, list):
+        for number, one in enumerate(values):
+            yield from _empty(one, (*path, number))
+
+
+def _partly(
+    values: Mapping[str, Any], report: Report, before: int, context: Mapping[str, Any]
+) -> Any:
+    """The experiment without those of its keys that hold mistakes; None if that is not enough."""
+    depth = len(report.prefix)
+    wrong = {one.path[depth] for one in report.found[before:] if len(one.path) > depth}
+    # a key that is left out gets its default, against which others must not be checked
+    wrong |= {other for one in wrong for other in _CHECKED_AGAINST.get(str(one), ())}
+    kept = {key: value for key, value in values.items() if key not in wrong}
+    try:
+        return WithoutProblem.model_validate(kept, context=context)
+    except ValidationError:
+        return None

@@ -5,8 +5,7 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-from fvi_cli.errors import RequestError
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.errors import RequestError, excerpt, listed, suggestion
 
 SUFFIXES = (".yaml", ".yml")
 

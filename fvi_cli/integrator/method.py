@@ -8,8 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Final, Literal, NamedTuple
 
-from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import excerpt, suggestion
+from fvi_cli.errors import ArgumentError, excerpt, suggestion
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import QuadratureRule, gauss_rule, lobatto_rule
 

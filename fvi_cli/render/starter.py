@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from fvi_cli.config import MODELINE, SCHEMA_FILE, schema_text, starter_config
-from fvi_cli.config.keys.experiment import NAME
+from fvi_cli.config.load import is_name
 from fvi_cli.errors import RequestError
 from fvi_cli.storage.files import replace_file
 
@@ -20,7 +20,7 @@ def write_starter(name: str, kind: str, *, schema: bool = False) -> list[Path]:
     RequestError
         For an unknown kind, a name that is not allowed, or a file that exists.
     """
-    if not NAME.allows(name):
+    if not is_name(name):
         raise RequestError(f"{name!r} is not allowed as a name; use letters, digits, - and _")
     path = Path(f"{name}.yaml")
     text = starter_config(kind, name=name)

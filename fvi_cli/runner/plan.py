@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from fvi_cli.config.memory import run_bytes, shortage
+from fvi_cli.config.machine import run_bytes, shortage
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.request import STORED_SUFFIX, Request, Source, requested
 from fvi_cli.runner.work import batches_of, pack_size

@@ -11,9 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.config import LoadedConfig, find_config, load_config, load_stored, parse_config
+from fvi_cli.config import LoadedConfig, find_config, load_config, load_values
 from fvi_cli.errors import FviError, RequestError
-from fvi_cli.keys.complaints import ChecksMember, every_member, no_member
 
 STORED_SUFFIX = ".h5"
 
@@ -44,14 +43,12 @@ def gather(
     sources: Sequence[str],
     overrides: Sequence[str] = (),
     *,
-    checks_member: ChecksMember = every_member,
     results: Callable[[str], Path] | None = None,
 ) -> list[Request]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
-    `checks_member` says which members of a sweep are checked. `results` gives the result file for
-    the name of a configuration: a configuration that is stored there was checked before, and its
-    members are not checked again.
+    `results` gives the result file for the name of a configuration: a configuration that is stored
+    there was checked before, and its members are not checked again.
 
     Raises
     ------
@@ -65,7 +62,7 @@ def gather(
     mistakes: list[str] = []
     for source in sources:
         try:
-            requests.append(_request(source, overrides, checks_member, results))
+            requests.append(_request(source, overrides, results))
         except RequestError as error:
             mistakes.extend(error.complaints)
     if mistakes:
@@ -80,25 +77,20 @@ def gather(
 def _request(
     source: str,
     overrides: Sequence[str],
-    checks_member: ChecksMember,
     results: Callable[[str], Path] | None,
 ) -> Request:
     path = Path(source) if source.endswith(STORED_SUFFIX) else None
     if path is None:
         found = find_config(source)
         known = None if results is None else _known(found, overrides, results)
-        loaded = known or load_config(found, overrides=overrides, checks_member=checks_member)
+        loaded = known or load_config(found, overrides=overrides)
     else:
         # most commands are given no result file, and reading one takes long to import
         from fvi_cli.storage import read_configuration
 
         # without changes the file's own configuration; with them that of other runs in the file
-        loaded = load_stored(
-            _as_written(read_configuration(path).resolved),
-            source,
-            overrides=overrides,
-            checks_member=every_member if overrides else no_member,
-        )
+        values = _as_written(read_configuration(path).resolved)
+        loaded = load_values(values, source, overrides=overrides, check_members=bool(overrides))
     return Request(name=loaded.name, loaded=loaded, stored=path)
 
 
@@ -108,7 +100,7 @@ def _known(
     """The configuration if no member has to be checked: it has none, or its result file has it."""
     # mistakes are reported by the caller, which loads it again with all checks
     with contextlib.suppress(FviError):
-        loaded = load_config(path, overrides=overrides, checks_member=no_member)
+        loaded = load_config(path, overrides=overrides, check_members=False)
         stored = results(loaded.name)
         if not any(one.members for one in loaded.experiments):
             return loaded
@@ -153,10 +145,8 @@ def load(
             raise RequestError("overrides: give them when the configuration is first loaded")
         return source
     if isinstance(source, Mapping):
-        # JSON is YAML: the same checks, the same words
-        text = json.dumps(source, indent=1, default=_plain)
-        name = str(source.get("name", "mapping"))
-        return parse_config(text, name, overrides=overrides, is_json=True)
+        values = json.loads(json.dumps(source, default=_plain))
+        return load_values(values, str(source.get("name", "mapping")), overrides=overrides)
     return load_config(find_config(str(source)), overrides=overrides)
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fvi_cli.config.observations import names_along
+from fvi_cli.config.names import names_along
 from fvi_cli.errors import RequestError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.request import Request, Source, Task, requested

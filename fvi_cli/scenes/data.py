@@ -22,8 +22,7 @@ from fvi_cli.effects.potential import (
     QuadraticPotential,
 )
 from fvi_cli.effects.scene import Derivative, Scene
-from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.complaints import excerpt
+from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 

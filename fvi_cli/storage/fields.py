@@ -16,7 +16,10 @@ from typing import Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.request import Event, Impact
+from fvi_cli.integrator.steps import RunSteps
+from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import (
     Diagnostics,
     Extent,
@@ -90,7 +93,33 @@ def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
     return None if finished.run.experiment.observations.times is None else observed.mesh
 
 
+def _steps(finished: FinishedRun, name: str) -> NDArray[Any] | None:
+    steps = finished.trajectory.steps
+    return None if steps is None else np.asarray(getattr(steps, name))
+
+
+def steps_in(run: Run, arrays: Mapping[str, NDArray[Any]]) -> RunSteps | None:
+    """The polynomials of the steps of stored velocities at the stages; None: none are stored."""
+    if STAGES not in arrays or not isinstance(run.method, Method):
+        return None
+    time, velocity, tables = arrays[POINTS], arrays[STAGES], step_tables(run.method)
+    sizes, start = np.diff(time), run.scene.initial_position[None]
+    # a polynomial ends at its last control point
+    moved = sizes[:, None] * np.einsum("r,nrd->nd", tables.to_unknowns[-1], velocity)
+    position = np.concatenate([start, start + np.cumsum(moved, axis=0)])
+    return RunSteps(
+        tables=tables,
+        time=time,
+        position=position,
+        momentum=np.full(position.shape, math.nan),
+        step_size=sizes,
+        velocity=velocity,
+    )
+
+
 TIME: Final = "time"
+STAGES: Final = "stages"
+POINTS: Final = "stage_mesh"
 OCCURRENCE: Final = "occurrence"
 MESH: Final = "mesh"
 EXTENTS: Final = "quantity_extents"
@@ -112,6 +141,9 @@ FIELDS: Final[tuple[Field, ...]] = (
           _D + "energy_defect", (MESH,)),
     Field("stored_energy", "energy in the memory of the damping", _D + "stored_energy", (MESH,)),
     Field(MESH, "points of the steps", _mesh, (MESH,)),
+    Field(POINTS, "points of the steps of the stages", lambda f: _steps(f, "time"), (POINTS,)),
+    Field(STAGES, "velocity at the stages of the steps", lambda f: _steps(f, "velocity"),
+          ("step", "stage", "dof")),
     Field("quantities/*", "quantity *", _O + "quantities.*", (TIME,)),
     Field("events/*/time", "time at the event *", _O + "events.*.time", (_EVENT,)),
     Field("events/*/position", "position at the event *", _O + "events.*.position",
@@ -169,7 +201,11 @@ CLASSES: Final[Mapping[str, type]] = {
 }
 """Classes by the path at which they stand in a finished run."""
 
-AXES: Final[Mapping[str, str]] = {"dof": "degree of freedom"}
+AXES: Final[Mapping[str, str]] = {
+    "dof": "degree of freedom",
+    "step": "step",
+    "stage": "stage of a step",
+}
 """Axes that have no values of their own."""
 
 _NOTHING: Final[Mapping[str, NDArray[Any]]] = {"time": np.zeros(0), "position": np.zeros((0, 1))}
@@ -275,6 +311,7 @@ def finished_of(
         objects[path]["time"] = arrays[MESH]
     if "stopped_by" in values:
         _observe(objects, values, arrays)
+    objects["trajectory"]["steps"] = steps_in(run, arrays)
     # inner objects first
     for path in sorted(objects, key=len, reverse=True):
         if path:

@@ -2,38 +2,47 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import Self
+
+from pydantic import PrivateAttr
 
 from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method
 from fvi_cli.integrator.trajectory import Outcome
-from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.settings import Fraction, Positive, Setting, key
+from fvi_cli.scenes.keys.values import Fraction, Keys, Positive, Wrong, key
 
 USUAL_STAGES = (10, 12, 8)
 RULES: tuple[ForcingQuadrature, ...] = ("exact", "galerkin")
 
 
-class Accuracy(Setting, forms=(("tolerance",), ("relative",))):
+class Accuracy(Keys):
     """A tolerance in place of numbers of steps."""
 
-    stages: ClassVar[int | None] = None
-    """Number of stages by the method that is given beside it; None: it follows."""
+    _stages: int | None = PrivateAttr(None)
     tolerance: Positive | None = key(
-        "Largest error of the position, absolute, in report.norm; this or relative.", default=None
+        "Largest error of the position, absolute, in report.norm; this or relative.", None
     )
-    relative: Fraction | None = key(
-        "The same as a share of the largest position of the run.", default=None
-    )
-    max_step: Positive | None = key("Longest step, in the unit of time.", default=None)
+    relative: Fraction | None = key("The same as a share of the largest position of the run.", None)
+    max_step: Positive | None = key("Longest step, in the unit of time.", None)
 
-    @classmethod
-    def check_presence(cls, at: Cursor) -> None:
+    def mistakes(self) -> Iterator[Wrong]:
         """Either a tolerance or a share is given."""
-        if at.has("tolerance") and at.has("relative"):
-            at.refuse_key("relative", "not together with tolerance: give one of them")
-        if not at.has("tolerance") and not at.has("relative"):
-            at.refuse("missing; give a tolerance, such as 1e-8, or relative", "tolerance")
+        if self.tolerance is not None and self.relative is not None:
+            yield Wrong(("relative",), "not together with tolerance: give one", of_key=True)
+        if self.tolerance is None and self.relative is None:
+            yield Wrong((), "a tolerance is missing; write {tolerance: 1e-8}, or relative")
+
+    @property
+    def stages(self) -> int | None:
+        """Number of stages by the method that is given beside it; None: it follows."""
+        return self._stages
+
+    def with_stages(self, stages: int) -> Self:
+        """The same tolerance for a method."""
+        made = self.model_copy()
+        made._stages = stages
+        return made
 
     @property
     def words(self) -> str:

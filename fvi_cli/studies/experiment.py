@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
-from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
@@ -27,7 +27,7 @@ T = TypeVar("T")
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
 Predicted = Literal["stable", "unstable", "unknown"]
 
-FIGURE_KINDS = (
+FigureKind = Literal[
     "convergence",
     "trajectory",
     "energy",
@@ -40,10 +40,13 @@ FIGURE_KINDS = (
     "section",
     "hysteresis",
     "spectrum",
-)
+]
+FIGURE_KINDS: tuple[str, ...] = get_args(FigureKind)
 """Kinds of figures that ``Experiment.figures`` may name."""
 UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
 """Keys of ``units`` other than names of coordinates and quantities."""
+STAGES_BYTES = 10_000_000
+"""Velocities at the stages of a run that are kept take at most so many bytes."""
 NEEDS_LADDER = (
     "accuracy chooses one run; give a ladder, for example --set ladder.steps=[64,128,256]"
 )
@@ -208,6 +211,14 @@ class Run(Subject):
     def step_size(self) -> float:
         """H = T / N, on a graded mesh the mean step; the final time is never swept."""
         return self.experiment.problem.final_time / self.n_steps
+
+    @property
+    def keeps_steps(self) -> bool:
+        """Whether its steps are kept as polynomials: of single ``rk`` runs of few bytes."""
+        method = self.method
+        if self.member is not None or not isinstance(method, Method) or not method.is_runge_kutta:
+            return False
+        return 8 * self.n_steps * method.stages * self.problem.dimension <= STAGES_BYTES
 
     @property
     def steps(self) -> int | Mesh:

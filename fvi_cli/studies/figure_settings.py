@@ -3,68 +3,52 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from typing import Annotated, Final
 
-from fvi_cli.keys.containers import ListOf
-from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.scalars import Text
-from fvi_cli.keys.settings import NotNegative, Setting, key
+from pydantic import Field
+
+from fvi_cli.scenes.keys.values import Keys, NotNegative, Wrong, key
 
 EXTENTS: Final = ("peak", "rms", "least", "greatest")
 """Numbers of a quantity over a whole run; ``plot: peak_drift`` is the peak of `drift`."""
 LONGEST_NAME: Final = 100
 """Most characters that the name of a file has after the name of the experiment."""
-_VALUES: Final = ListOf(
-    shape=Text(what="the name of a coordinate or quantity"), most=12, example="[x, drift]"
-)
 EXAMPLE: Final = "{plot: peak_drift, against: problem.damping.0.coefficient}"
 
 
-class FigureSettings(
-    Setting,
-    forms=(
-        ("plot", "against", "after?"),
-        ("section", "after?"),
-        ("ensemble", "after?"),
-    ),
-    expected=f"a figure such as {EXAMPLE}, {{section: turn, after: 50}} or {{ensemble: [x]}}",
-):
+class FigureSettings(Keys):
     """A figure of the outputs, quantities and events of an experiment."""
 
-    plot: Annotated[str | None, Text(what="peak_<quantity> or the name of an event")] = key(
+    plot: str | None = key(
         "What is drawn: peak_, rms_, least_ or greatest_ before the name of a quantity, or an "
         "event of which every occurrence is a dot (a bifurcation diagram).",
-        default=None,
+        None,
     )
-    against: Annotated[str | None, Text(what="a swept key")] = key(
-        "The swept key below it; a second one makes curves, a third one colours.", default=None
+    against: str | None = key(
+        "The swept key below it; a second one makes curves, a third one colours.", None
     )
-    section: Annotated[str | None, Text(what="the name of an event")] = key(
-        "In place of plot: velocity against position at every occurrence of this event.",
-        default=None,
+    section: str | None = key(
+        "In place of plot: velocity against position at every occurrence of this event.", None
     )
-    ensemble: Annotated[tuple[str, ...] | None, _VALUES] = key(
+    ensemble: Annotated[list[str], Field(min_length=1, max_length=12)] | None = key(
         "In place of plot: mean over the members at every time, with bands of one standard "
         "deviation and of all members, a panel for each of these coordinates and quantities; of "
         "designs with a sweep a mean for every design.",
-        default=None,
+        None,
     )
-    after: NotNegative = key(
-        "Of events: those before this time are left out.", unit="time", default=0.0
-    )
+    after: NotNegative = key("Of events: those before this time are left out.", 0.0, unit="time")
 
-    @classmethod
-    def check_presence(cls, at: Cursor) -> None:
-        """Complain of incomplete settings (``plot`` without ``against``) and contradictory ones."""
-        which = next((one for one in ("section", "ensemble") if at.has(one)), "")
-        if which:
-            for name in sorted({"plot", "against", "section", "ensemble"} - {which}):
-                if at.has(name):
-                    at.refuse_key(name, f"not together with {which}: write two figures")
-            return
+    def mistakes(self) -> Iterator[Wrong]:
+        """Incomplete settings (``plot`` without ``against``) and contradictory ones."""
+        given = [name for name, value in self if value is not None and name != "after"]
+        which = next((one for one in ("section", "ensemble") if one in given), "")
+        for name in given if which else ():
+            if name != which:
+                yield Wrong((name,), f"not together with {which}: write two figures", of_key=True)
         for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
-            if not at.has(name):
-                at.refuse(f"missing; write {name}: {example}", name)
+            if not which and name not in given:
+                yield Wrong((name,), f"missing; write {name}: {example}")
 
     @property
     def extent(self) -> tuple[str, str]:

@@ -144,41 +144,56 @@ def with_values(template: Mapping[str, Any], values: Mapping[str, Any]) -> dict[
 
     Raises
     ------
-    KeyError, IndexError
-        If a path leads through something that is not there.
+    LookupError
+        If a path leads into a plain value or behind the end of a list.
     """
-    changed: Any = dict(template)
+    changed: Any = template
     for path, value in values.items():
-        changed = _with(changed, path.split(".")[1:], value)
+        changed = replaced(changed, tuple(path.split(".")[1:]), value)
     return dict(changed)
 
 
-def _with(node: Any, path: list[str], value: Any) -> Any:
+def replaced(values: Any, path: tuple[str | int, ...], value: Any) -> Any:
+    """A copy of JSON values with another value at a key path; None takes the key away.
+
+    Missing mappings are made; what the path does not pass is shared with the original.
+
+    Raises
+    ------
+    LookupError
+        If the path leads into a plain value or behind the end of a list.
+    """
     if not path:
         return value
-    if isinstance(node, list | tuple):
-        index = _index(path[0])
-        entries = list(node)
-        entries[index] = _with(entries[index], path[1:], value)
-        return entries
-    if len(path) == 1 and value is None:
-        return {key: one for key, one in node.items() if key != path[0]}
-    inner = node[path[0]] if len(path) > 1 else None
-    return {**node, path[0]: _with(inner, path[1:], value)}
+    first, rest = path[0], path[1:]
+    if isinstance(values, list | tuple):
+        index = index_in(values, first)
+        return [*values[:index], replaced(values[index], rest, value), *values[index + 1 :]]
+    if not isinstance(values, Mapping | None):
+        raise LookupError(f"{value_in_words(values)} stands there, which has no keys")
+    if values is None and str(first).isdecimal():
+        raise LookupError(f"{first} does not exist; there is no list")
+    inner = dict(values or {})
+    if value is None and not rest:
+        inner.pop(first, None)
+    else:
+        inner[first] = replaced(inner.get(first), rest, value)
+    return inner
 
 
-def _index(part: str) -> int:
-    """The index that a part of a key path names; lists are not counted from their end."""
-    if not part.isdecimal():
-        raise KeyError(part)
-    return int(part)
+def index_in(values: Sequence[Any], part: str | int) -> int:
+    """The index in a list that a part of a key path names; lists are not counted from their end."""
+    if str(part).isdecimal() and len(str(part)) <= 6 and int(part) < len(values):
+        return int(part)
+    there = f"has {len(values)} entries, numbered from 0" if values else "is empty"
+    raise LookupError(f"{part} does not exist; the list there {there}")
 
 
 def value_at(specification: Mapping[str, Any], path: str) -> Any:
     """The value at a key path that begins with ``problem.``."""
     node: Any = specification
     for part in path.split(".")[1:]:
-        node = node[_index(part)] if isinstance(node, list | tuple) else node[part]
+        node = node[index_in(node, part)] if isinstance(node, list | tuple) else node[part]
     return node
 
 
@@ -186,7 +201,7 @@ def leads_somewhere(specification: Mapping[str, Any], path: str) -> bool:
     """Whether a value stands at a key path that begins with ``problem.``."""
     try:
         value_at(specification, path)
-    except (LookupError, TypeError, ValueError):
+    except (LookupError, TypeError):
         return False
     return True
 

@@ -69,7 +69,7 @@ def stability_maps(
     """The requested stability regions of an experiment, one for every order and method."""
     region, maps = experiment.stability.region, []
     if region is not None:
-        stiffness, damping = np.array(region.stiffness), np.array(region.damping)
+        stiffness, damping = map(np.array, region.axes)
         for order, method in itertools.product(region.orders, distinct_regions(experiment.methods)):
             maps.append(stability_map(method, order, stiffness, damping))
             advance(f"region of {method.label}")

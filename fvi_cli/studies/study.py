@@ -77,6 +77,7 @@ def execute_batch(
         observe=[run.observations for run in moving],
         every=_thinning(runs[0]),
         diagnostics=diagnostics and isinstance(method, Method),
+        with_steps=runs[0].keeps_steps,
     )
     found |= zip(moving, trajectories, strict=True)
     return [

@@ -9,7 +9,7 @@ import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.effects.matrices import dense
 from fvi_cli.errors import ConfigError
-from fvi_cli.scenes.records.inputs import numbers_of
+from fvi_cli.scenes.records.inputs import kept_numbers
 from fvi_cli.scenes.registry import build_scene
 
 BUILDING = "storey,mass,stiffness\n1,2.5,60\n2,2.0,50\n3,1.5,40\n"
@@ -60,7 +60,7 @@ def test_columns_of_a_file_are_the_lists_and_stand_with_their_digest(tmp_path):
     read = loaded(tmp_path, FROM_FILE)
     (described,) = read.resolved["experiments"]
     stored = described["problem"]["masses"]
-    assert numbers_of(stored).tolist() == [2.5, 2.0, 1.5]
+    assert kept_numbers(stored["digest"]).tolist() == [2.5, 2.0, 1.5]
     # what was read stands for the file wherever the configuration goes
     written = parse_config(SHAKEN, "tower.yaml")
     for other in (read, parse_config(json.dumps(described), "again.yaml")):

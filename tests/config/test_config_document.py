@@ -7,9 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from fvi_cli.config.text.document import read_document
-from fvi_cli.keys.complaints import Complaints, SourcePosition
-from fvi_cli.keys.nodes import ListNode, MappingNode, ScalarNode, read_scalar
+from fvi_cli.config.tree import MistakesError, read_document, read_scalar
 
 # From the tables of the core schema in the YAML 1.2.2 specification, section 10.3, and what
 # YAML 1.1 reads differently.
@@ -71,51 +69,36 @@ def test_endless_numbers_are_infinite_at_once(text):
     assert read_scalar("-" + "9" * 100_000) == -math.inf
 
 
-def tree(text: str) -> MappingNode:
-    complaints = Complaints()
-    node = read_document(text, SourcePosition(source="f", line=1, column=1), complaints)
-    complaints.raise_if_any()
-    return node
-
-
 def test_quoted_words_are_texts():
-    node = tree("a: '1'\nb: \"true\"\nc: |\n  12\n")
-    values = [entry.node.value for entry in node.entries.values()]
-    assert values == ["1", "true", "12\n"]
+    found = read_document("a: '1'\nb: \"true\"\nc: |\n  12\n", "f").value
+    assert list(found.values()) == ["1", "true", "12\n"]
 
 
 def test_places_of_keys_and_values():
-    node = tree("a:\n  b: [1,\n      two]\n  'c':   3\r\n  d: ü\n  e: x\n")
-    inner = node.entries["a"].node
-    assert str(inner.place) == "f:2:3"
-    listed = inner.entries["b"].node
-    assert [str(item.place) for item in listed.items] == ["f:2:7", "f:3:7"]
-    assert str(inner.entries["c"].key_place) == "f:4:3"
-    assert str(inner.entries["c"].node.place) == "f:4:10"
-    assert str(inner.entries["e"].node.place) == "f:6:6"
+    document = read_document("a:\n  b: [1,\n      two]\n  'c':   3\r\n  d: ü\n  e: x + y\n", "f")
+    assert [str(document.place(("a", "b", n))) for n in (0, 1)] == ["f:2:7", "f:3:7"]
+    assert str(document.place(("a", "c"), of_key=True)) == "f:4:3"
+    assert str(document.place(("a", "c"))) == "f:4:10"
+    assert str(document.place(("a", "e"), column=5)) == "f:6:10"
+    # what is missing, at what should hold it
+    assert str(document.place(("a", "b", 7, "x"))) == "f:2:6"
 
 
-def test_the_first_character_of_a_text_is_known_where_it_stands_as_it_is():
-    node = tree("a: x + y\nb: 'x + y'\nc: \"x + \\x79\"\nd: |\n  x + y\n")
-    places = [entry.node.text_place for entry in node.entries.values()]
-    assert [str(place) for place in places[:2]] == ["f:1:4", "f:2:5"]
-    assert places[2:] == [None, None]
+def test_columns_are_those_of_texts_that_stand_as_they_are():
+    document = read_document("a: 'x + y'\nb: x + y\n", "f")
+    assert [str(document.place((key,), column=5)) for key in "ab"] == ["f:1:4", "f:2:8"]
 
 
-def test_an_alias_is_what_it_names():
-    node = tree("a: &x {b: 1}\nc: *x\n")
-    assert node.entries["c"].node is node.entries["a"].node
+def test_an_alias_is_what_it_names_and_stands_where_that_stands():
+    document = read_document("a: &x {b: 1}\nc: *x\n", "f")
+    assert document.value["c"] == {"b": 1}
+    assert str(document.place(("c", "b"))) == "f:1:11"
 
 
 def test_no_object_is_ever_made():
-    complaints = Complaints()
-    text = "a: !!python/object/apply:os.system ['true']\n"
-    node = read_document(text, SourcePosition(source="f", line=1, column=1), complaints)
-    assert len(complaints) == 1
-    assert isinstance(node.entries["a"].node, ListNode)
-    (item,) = node.entries["a"].node.items
-    assert isinstance(item, ScalarNode)
-    assert item.value == "true"
+    with pytest.raises(MistakesError) as caught:
+        read_document("a: !!python/object/apply:os.system ['true']\n", "f")
+    assert "python/object" in str(caught.value.mistakes[0])
 
 
 def drawn_json(random: np.random.Generator, depth: int = 0) -> object:
@@ -124,13 +107,13 @@ def drawn_json(random: np.random.Generator, depth: int = 0) -> object:
     if kind == 5:
         return [drawn_json(random, depth + 1) for _ in range(random.integers(5))]
     if kind == 6:
-        keys = ("a", "b: c", "#", "é", "\\", "<<", "", "\n- 1", "🙂", "1e3")
+        keys = ("a", "b: c", "#", "é", "\\", "<<", "", "\n- 1", "1e3")
         return {
             keys[random.integers(len(keys))]: drawn_json(random, depth + 1)
             for _ in range(random.integers(5))
         }
     if kind == 4:
-        words = ("no", "1e-3", "\x00", "\ud800", "\U0001f642", "'\"", "\t x ", "\u2028", "&a", "* ")
+        words = ("no", "1e-3", "\x00", "'\"", "\t x ", "\u2028", "&a", "* ")
         return words[random.integers(len(words))]
     number = float(10 ** random.uniform(-300, 300))
     return (number, -math.inf, int(random.integers(-(10**9), 10**9)), bool(kind))[kind]
@@ -138,17 +121,12 @@ def drawn_json(random: np.random.Generator, depth: int = 0) -> object:
 
 @pytest.mark.parametrize("seed", range(60))
 def test_json_is_read_alike_by_both_parsers(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Trees, places and complaints; without the parser in C as well."""
+    """Values and places; without the parser in C as well."""
     random = np.random.default_rng([41, seed])
-    text = json.dumps({"values": [drawn_json(random) for _ in range(6)]}, indent=1)
-    found = []
-    for is_json, has_library in ((False, True), (True, True), (True, False)):
-        with monkeypatch.context() as patch:
-            if not has_library:
-                patch.delattr(yaml, "CSafeLoader", raising=False)
-            complaints = Complaints()
-            start = SourcePosition(source="one", line=1, column=1)
-            tree = read_document(text, start, complaints, is_json=is_json)
-            said = str(complaints.error()) if len(complaints) else ""
-            found.append((repr(tree), said))
-    assert found[0] == found[1] == found[2]
+    values = {"values": [drawn_json(random) for _ in range(6)]}
+    text = json.dumps(values, indent=1).replace("-Infinity", "-.inf")
+    found = read_document(text, "f")
+    assert found.value == values
+    with monkeypatch.context() as patch:
+        patch.delattr(yaml, "CSafeLoader", raising=False)
+        assert read_document(text, "f") == found

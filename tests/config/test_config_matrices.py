@@ -14,7 +14,7 @@ from fvi_cli.errors import ConfigError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.records.inputs import keep_numbers
-from fvi_cli.scenes.structures.matrix_keys import file_form, matrix_as_numbers
+from fvi_cli.scenes.structures.matrix_keys import MatrixFile, matrix_as_numbers
 
 N = 40
 CONFIG = """\
@@ -93,7 +93,7 @@ def test_what_is_kept_gives_the_matrix_back_to_the_last_digit(dense):
     matrix = rng.standard_normal((37, 37)) * (rng.random((37, 37)) < 0.2)
     matrix = matrix + matrix.T
     digest = keep_numbers(matrix_as_numbers(matrix if dense else csr_array(matrix)))
-    back = file_form({"file": "K.mtx", "digest": digest})
+    back = MatrixFile(file="K.mtx", digest=digest).form
     assert is_sparse(back) is not dense
     found = back if isinstance(back, np.ndarray) else back.toarray()
     assert np.array_equal(found, matrix)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.config.observations import names_along
+from fvi_cli.config.names import names_along
 
 BASE = """\
 name: seen

@@ -9,7 +9,7 @@ import fvi_cli as fvi
 from fvi_cli.config import find_config, load_config, parse_config
 from fvi_cli.errors import ConfigError
 from fvi_cli.scenes.records import inputs
-from fvi_cli.scenes.records.inputs import numbers_of
+from fvi_cli.scenes.records.inputs import kept_numbers
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.identity import identity_of
 
@@ -50,7 +50,7 @@ def test_the_resolved_configuration_needs_the_file_no_more(folder):
     config = load(folder)
     described = config.experiments[0].problem_specification["forcing"]
     assert described["interpolation"] == "linear"
-    time, values = numbers_of(described).T
+    time, values = kept_numbers(described["digest"]).T
     assert time.tolist() == [0.0, 0.5, 1.0, 2.0]
     assert values.tolist() == [0.0, 1.0, -0.1, 4.0]
     (folder / "quake.csv").unlink()

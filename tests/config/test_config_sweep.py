@@ -6,7 +6,7 @@ import pytest
 
 from fvi_cli.config import parse_config, starter_config
 from fvi_cli.errors import ConfigError
-from fvi_cli.scenes.registry import PROBLEM
+from fvi_cli.scenes.registry import KINDS
 
 BASE = """\
 name: many
@@ -105,15 +105,15 @@ def test_overrides_reach_into_a_sweep():
 
 
 def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("fvi_cli.config.memory.machine_bytes", lambda: 10**6)
+    monkeypatch.setattr("fvi_cli.config.machine.machine_bytes", lambda: 10**6)
     sweep = "sweep: {problem.stiffness: {from: 1, to: 2, number: 300}}"
     (told,) = complaints(sweep)
     assert told.startswith("many.yaml:8:8: sweep: 300 members need about 0.00")
-    monkeypatch.setattr("fvi_cli.config.memory.machine_bytes", lambda: 10**8)
+    monkeypatch.setattr("fvi_cli.config.machine.machine_bytes", lambda: 10**8)
     assert len(experiment(sweep).members) == 300
 
 
-@pytest.mark.parametrize("kind", PROBLEM.kinds)
+@pytest.mark.parametrize("kind", KINDS)
 def test_the_sweep_in_a_starter_file_is_valid_when_it_is_switched_on(kind):
     text = starter_config(kind)
     assert "\n# sweep: {" in text

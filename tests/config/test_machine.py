@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from fvi_cli.config.memory import machine_bytes
+from fvi_cli.config.machine import machine_bytes
 
 MEGA = 10**6
 

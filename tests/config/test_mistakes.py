@@ -1,14 +1,14 @@
-"""Mistakes in configurations, with all that is said of each, word by word and with its place.
+"""Mistakes in configurations, each with its line and its key.
 
 ``tests/mistakes/*.yaml`` holds them: a text, or a valid one (`text` of the file) in which `write`
-stands `in place of` something else, changes by ``--set``, and what is told of it, or remarked on
-where it is valid; `files` of all or of one stand beside it. What is told may say what to write:
-`mended` has this in place of something of the text, or as what is ``set``, and is valid. Where the
-words change on purpose, ``pytest --renew tests/config/test_mistakes.py`` writes what is told now;
-read the difference.
+stands `in place of` something else, changes by ``--set``, and where something is told of it, or
+remarked on where it is valid: line, column and key; `files` of all or of one stand beside it.
+`mended` has what the words advise in place of something of the text, or as what is ``set``, and is
+valid. ``pytest --renew tests/config/test_mistakes.py`` writes the places that are told now.
 """
 
 import logging
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -18,11 +18,10 @@ from typing import Any
 import pytest
 import yaml
 
-from fvi_cli.config import memory, parse_config
+from fvi_cli.config import machine, parse_config
 from fvi_cli.errors import ConfigError
 
 FILES = sorted((Path(__file__).parent.parent / "mistakes").glob("*.yaml"))
-NAME = "f.yaml:"
 
 
 @cache
@@ -58,13 +57,26 @@ def said_of(
         with TemporaryDirectory() as folder:
             for name, written in (content.get("files", {}) | mistake.get("files", {})).items():
                 (Path(folder) / name).write_text(written, encoding="utf-8")
-            source = NAME.removesuffix(":")
-            parse_config(text, source, overrides=overrides, base=Path(folder))
+            parse_config(text, "f.yaml", overrides=overrides, base=Path(folder))
     except ConfigError as error:
-        return {"told": [line.removeprefix(NAME) for line in error.complaints]}
+        return {"told": list(error.complaints)}
     finally:
         logger.removeHandler(listener)
-    return {"remarked": [line.removeprefix(NAME) for line in remarks]}
+    return {"remarked": remarks}
+
+
+def place_of(line: str) -> str:
+    """Line, column and key of a message: ``11:3 designs.Bare``; an option in place of a line."""
+    found = re.match(r"(?:f\.yaml:)?(\d+:\d+|[^:]*): (?:([^ ]*?): )?", line)
+    return f"{found[1]} {found[2] or ''}".strip()
+
+
+def places_of(said: dict[str, list[str]]) -> dict[str, list[str]]:
+    return {key: [place_of(line) for line in lines] for key, lines in said.items()}
+
+
+def without_columns(told: dict[str, list[str]]) -> dict[str, list[str]]:
+    return {key: sorted(re.sub(r":\d+", "", one) for one in told[key]) for key in told}
 
 
 def mistakes() -> Iterator[Any]:
@@ -78,30 +90,22 @@ def _renewed(request):
     """Write what is told now, where that is asked for."""
     if request.config.getoption("--renew"):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(memory, "machine_bytes", lambda: 8 * 10**9)
+            patch.setattr(machine, "machine_bytes", lambda: 8 * 10**9)
             renew()
 
 
 @pytest.mark.parametrize(("file", "number"), list(mistakes()))
 def test_what_is_told_of_a_mistake(file, number, monkeypatch):
-    monkeypatch.setattr(memory, "machine_bytes", lambda: 8 * 10**9)
+    monkeypatch.setattr(machine, "machine_bytes", lambda: 8 * 10**9)
     content = content_of(file)
     mistake = content["mistakes"][number]
     said = said_of(mistake, content)
-    assert said == {key: mistake[key] for key in ("told", "remarked") if key in mistake}
+    expected = {key: mistake[key] for key in ("told", "remarked") if key in mistake}
+    assert without_columns(places_of(said)) == without_columns(expected), said
     if mended := mistake.get("mended"):
         assert "remarked" in said_of(mistake, content, mended)
         for written in mended.get("set", [mended.get("write")]):
             assert any(written in line for line in said["told"]), written
-
-
-def test_every_mistake_stands_once_in_its_file():
-    for file in FILES:
-        found = [
-            (text_of(one, content_of(file)), f"{one.get('set')}{one.get('files')}")
-            for one in content_of(file)["mistakes"]
-        ]
-        assert len(set(found)) == len(found), file
 
 
 class Readable(yaml.SafeDumper):
@@ -121,7 +125,7 @@ def renew() -> None:
         for one in content["mistakes"]:
             for key in ("told", "remarked"):
                 one.pop(key, None)
-            one.update(said_of(one, content))
+            one.update(places_of(said_of(one, content)))
         written = yaml.dump(
             content, Dumper=Readable, sort_keys=False, allow_unicode=True, width=999
         )

@@ -185,6 +185,24 @@ def test_motions_are_the_polynomials_of_their_steps_and_bounces_reach_the_floor(
     assert np.array_equal(drawn_times(outcome.finished[0])[[0, -1]], [0.0, 6.0])
 
 
+def test_runs_for_a_tolerance_are_drawn_within_their_steps_also_from_a_file(tmp_path):
+    text = configuration(OSCILLATOR, name="few", method="", more="quantities: {force: force_1}\n")
+    text = text.replace("ladder: {steps: [8, 16]}", "accuracy: {tolerance: 1.0e-8}")
+    config = fvi.load(yaml.safe_load(text))
+    fvi.run(config, output=tmp_path)
+    (stored,) = fvi.recall(tmp_path / "few.h5")
+    (item,) = stored.finished
+    assert item.trajectory.time.size < 60
+    scene, steps = item.run.scene, item.trajectory.steps
+    again = fvi.integrate(scene, item.run.method, steps.mesh(scene.break_points), with_steps=True)
+    for figure in ("trajectory", "quantities"):
+        (axes,) = stored.plot(figure).axes
+        assert max(len(line.get_xdata()) for line in axes.lines) > 600
+    times, position = drawn_motion(item)
+    np.testing.assert_allclose(position, again(times), atol=1e-13)
+    np.testing.assert_allclose(drawn_velocity(item), again.velocity(times), atol=1e-12)
+
+
 def test_balance_shows_energy_works_and_a_sum_that_does_not_move():
     outcome = run_of(SCENES["motion"])
     figure = outcome.plot("balance")

@@ -33,8 +33,6 @@ TOLD: Final = 1e-6
 PLACES: Final = 8_192  # places of a run at which forces of the motion are evaluated
 BEYOND: Final = 10.0
 """Samples count that are missed by more than so many times the median of their step."""
-AT_ENDS: Final = 1e-9
-"""Samples so close to an end of a step, in steps, are left out: the force may jump there."""
 STEEP: Final = frozenset({"exp", "expm1", "tanh", "arctan", "cosh", "sinh", "gamma"})
 """Functions of which walls and pulses are made."""
 GENTLE: Final = ("number", "variable", "+", "-", "*", "negate", "sin", "cos")
@@ -48,9 +46,7 @@ class SampledFormula:
 
     formula: Expression
     components: list[int]  # that it acts on
-    begin: float  # where the piece begins and ends
-    end: float
-    times: Array  # of the samples, ascending, and the values there
+    times: Array  # of the samples in the piece, ascending, and the values there
     values: Array
     kept: Integers  # numbers of the samples that are left where most are told by a spline
 
@@ -73,8 +69,6 @@ def sample_forcing(forcing: Forcing, final_time: float) -> tuple[SampledFormula,
                 SampledFormula(
                     formula=formula,
                     components=places,
-                    begin=begin,
-                    end=piece.until,
                     times=times,
                     values=values,
                     kept=_not_told(times, values),
@@ -119,9 +113,7 @@ class Looks:
         """Impulses of each formula of the time, ``(d,)``."""
         h, t, spacing = path.size, path.begin, self._end / SAMPLES
         for one in self._sampled:
-            if not one.begin <= path.middle <= one.end:
-                continue
-            low, high = np.searchsorted(one.times, (t + AT_ENDS * h, t + h * (1.0 - AT_ENDS)))
+            low, high = np.searchsorted(one.times, (t, t + h))
             at, usual = np.arange(low, high), slice(None)
             if h >= 16 * EVERY * spacing:
                 first, last = np.searchsorted(one.kept, (low, high))

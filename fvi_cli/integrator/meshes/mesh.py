@@ -126,13 +126,12 @@ def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
         raise ArgumentError("mesh", "the times must increase from 0")
-    fresh = np.isclose(times[:, None], (0.0, *breaks), rtol=ON_GRID, atol=0.0).any(axis=1)
+    near = np.abs(times[:, None] - np.array([0.0, *breaks])) <= ON_GRID * times[:, None]
+    fresh: list[bool] = near.any(axis=1).tolist()
     mesh = Mesh(
         stretches=tuple(
             Stretch(begin=a, end=b, n_steps=1, step_size=b - a, is_fresh=is_fresh)
-            for (a, b), is_fresh in zip(
-                itertools.pairwise(times.tolist()), fresh.tolist()[:-1], strict=True
-            )
+            for (a, b), is_fresh in zip(itertools.pairwise(times.tolist()), fresh[:-1], strict=True)
         )
     )
     mesh.check_breaks(breaks)

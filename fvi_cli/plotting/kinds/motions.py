@@ -22,7 +22,9 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_member
 
 MOST_COMPONENTS = 4
 """Most coordinates that are drawn, the first ones."""
-_LEAST_POINTS, _PER_STEP, _MOST_POINTS = 600, 20, 200_000
+LEAST_POINTS = 600
+"""Least points of a motion that is drawn."""
+_PER_STEP, _MOST_POINTS = 20, 200_000
 _MARKED = 65  # up to so many points have a mark
 
 Motion = Callable[[FinishedRun], tuple[Array, Array]]
@@ -36,7 +38,7 @@ def drawn_times(item: FinishedRun) -> Array:
     steps = item.trajectory.steps
     if steps is None:
         return item.trajectory.time
-    count = max(_PER_STEP, -(-_LEAST_POINTS // steps.n_steps))
+    count = max(_PER_STEP, -(-LEAST_POINTS // steps.n_steps))
     count = max(1, min(count, _MOST_POINTS // steps.n_steps))
     inside = steps.time[:-1, None] + np.diff(steps.time)[:, None] * np.arange(count) / count
     return np.append(inside.ravel(), steps.time[-1])
@@ -80,7 +82,7 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             curves = run_curves(own, _coordinate(index))
             limits = calm_limits(curves)
             if exact is not None:
-                times = np.linspace(0.0, experiment.problem.final_time, _LEAST_POINTS + 1)
+                times = np.linspace(0.0, experiment.problem.final_time, LEAST_POINTS + 1)
                 true = Curve(x=times, y=exact(times)[:, index], label="exact", look=EXACT)
                 curves, limits = [true, *curves], calm_limits([true, *curves])
             y = position_label(experiment, name)

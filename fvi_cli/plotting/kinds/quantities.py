@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import functools
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from matplotlib.figure import Figure
 
+from fvi_cli.integrator.observe.observer import observe_runs
 from fvi_cli.integrator.trajectory import Observed
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.draw import calm_limits, figure, lines
-from fvi_cli.plotting.kinds.motions import Motion, members_over_time, run_curves, select_runs
+from fvi_cli.plotting.kinds.motions import (
+    LEAST_POINTS,
+    Motion,
+    drawn_times,
+    members_over_time,
+    run_curves,
+    select_runs,
+)
 from fvi_cli.plotting.looks import BLACK, cycled
 from fvi_cli.plotting.panels import Curve, Panel
 from fvi_cli.plotting.words import number_in_words, quantity_in_words, time_label
@@ -86,8 +96,24 @@ def _mark_largest(curves: list[Curve], pairs: Sequence[tuple[FinishedRun, str]])
 
 
 def _values_of(name: str) -> Motion:
-    """The function that gives reported times and values of a quantity."""
-    return lambda item: (item.trajectory.time, observed_of(item).quantities[name])
+    """The function that gives times and values of a quantity."""
+
+    def values(item: FinishedRun) -> tuple[Array, Array]:
+        times, found = _dense(item)
+        return times, found[name]
+
+    return values
+
+
+@functools.lru_cache(maxsize=16)
+def _dense(item: FinishedRun) -> tuple[Array, Mapping[str, Array]]:
+    """Reported times and quantities; where these are few, those within the steps."""
+    trajectory, quantities = item.trajectory, observed_of(item).quantities
+    if trajectory.steps is None or trajectory.time.size >= LEAST_POINTS:
+        return trajectory.time, quantities
+    request = replace(item.run.observations, times=drawn_times(item), events={}, impacts={})
+    (dense,) = observe_runs([item.run.scene], item.run.method, [trajectory], [request])
+    return dense.time, quantities if dense.observed is None else dense.observed.quantities
 
 
 def has_quantities(item: FinishedRun) -> bool:

@@ -4,22 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Annotated, ClassVar, Final
+from typing import Final, Literal
 
 import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.scalars import FormulaText
-from fvi_cli.keys.settings import Positive, key
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.quadrature import jacobi_rule
-from fvi_cli.scenes.forces import PARAMETERS, Parameters, expressions, with_parameters
-from fvi_cli.scenes.kinds.damping_keys import Order
-from fvi_cli.scenes.kinds.kind import Kind
-from fvi_cli.scenes.kinds.shared_keys import FINAL_TIME
+from fvi_cli.scenes.forces import expressions, with_numbers
+from fvi_cli.scenes.keys.values import Formula, Order, Positive, key
+from fvi_cli.scenes.kinds.kind import FINAL_TIME, Kind
 from fvi_cli.scenes.problem import DerivativeProblem
 
 NEAR: Final = 1e-150
@@ -35,42 +32,30 @@ UNBOUNDED: Final = 1e3
 """A derivative that is so many times larger at 0 than elsewhere is not bounded there."""
 
 
-class FractionalDerivative(
-    Kind,
-    declares="parameters",
-    refused=dict.fromkeys(("alpha", "gamma"), "not a key: write order"),
-):
+class FractionalDerivative(Kind):
     """The Caputo derivative of a function."""
 
-    kind = "fractional-derivative"
     equation = "y = D^gamma f (Caputo)"
-    example: ClassVar = {"order": "0.5", "function": "t**2*sin(t)", "final_time": "1.0"}
-    sweep = "problem.order: {from: 0.1, to: 1.9, number: 10}"
-    methods = "{bdf: [1, 2, 3], sampling: nodes}"
-
+    forces = ()
+    solutions = ("function", "exact")
+    kind: Literal["fractional-derivative"] = key("Which equation.", "fractional-derivative")
     order: Order = key("Order of the derivative that is taken (no unit).")
-    function: Annotated[str, FormulaText()] = key(
-        "The function to differentiate, an expression in t."
-    )
+    function: Formula = key("The function to differentiate, an expression in t.")
     final_time: Positive = FINAL_TIME
-    exact: Annotated[str, FormulaText(words=("auto",))] = key(
-        "Its derivative: expression in t, or auto where one is known.", default="auto"
+    exact: Formula = key(
+        "Its derivative: expression in t, or auto: Caputo's integral by quadrature.", "auto"
     )
-    parameters: Parameters = PARAMETERS
 
-    def build_problem(self, *, search: bool = True) -> DerivativeProblem:
+    def build_problem(self) -> DerivativeProblem:
         """The derivative with its exact values."""
-        order, final_time = float(self.order), float(self.final_time)
-        values = with_parameters(vars(self))
-        (function,) = expressions(values["function"], 1, "function")
-        if not 0 < order < 2:
-            raise ArgumentError("order", f"{order!r} is not allowed; it must lie in (0, 2)")
+        order, final_time = self.order, self.final_time
+        (function,) = expressions(with_numbers(self.function, self.parameters), 1, "function")
         if self.exact == "auto":
             exact = _checked_caputo(function, order, final_time)
             source = "Caputo's integral by quadrature"
         else:
-            exact = ForcingPiece(components=expressions(values["exact"], 1, "exact")).evaluate
-            source = "expression"
+            components = expressions(self.exact, 1, "exact", self.parameters)
+            exact, source = ForcingPiece(components=components).evaluate, "expression"
         return DerivativeProblem(
             function=_from_rest(function, order, final_time),
             order=order,

@@ -2,105 +2,78 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Annotated, Any, ClassVar, Final
+from collections.abc import Iterator
+from typing import Annotated, Any, Final, Literal, Self
 
 import numpy as np
+from pydantic import Field, model_validator
 
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.containers import OneOrMany
-from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.settings import Positive, key
-from fvi_cli.scenes.forces import (
-    PARAMETERS,
-    GroundMotion,
-    Parameters,
-    build_forcing,
-    with_parameters,
-)
-from fvi_cli.scenes.kinds import shared_keys as shared
-from fvi_cli.scenes.kinds.damping_keys import (
-    Term,
-    build_damping,
-    check_names_of_dampers,
-    damping_terms,
-)
+from fvi_cli.scenes.forces import Piece, Pieces, TimeFunction, build_forcing, with_numbers
+from fvi_cli.scenes.keys.values import BY_FORM, Positive, Wrong, key
 from fvi_cli.scenes.kinds.kind import Kind
+from fvi_cli.scenes.kinds.laws import Term, build_damping, check_names_of_dampers
 from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.scenes.records.inputs import numbers_of
+from fvi_cli.scenes.records.samples import Samples
 
 FEWEST_SAMPLES: Final = 8
 COORDINATE: Final = "u"
 
 
-class Material(
-    Kind,
-    declares="parameters",
-    refused={
-        **shared.WRONG_AT_PROBLEM,
-        "damping": "not a key here: write law: {law: zener, ...}, or a list of parallel laws",
-        "strain": "not a key: write displacement, in any unit",
-        "mass": "not a key here: a damper on the bench has none; with a mass it is kind: "
-        "damped-oscillator",
-    },
-):
+class Material(Kind):
     """A law whose displacement is given."""
 
-    kind = "material"
     title = "damper on the bench"
     equation = "force = sum of g(D) u, u(t) given"
-    example: ClassVar = {
-        "law": "{law: zener, order: 0.5, time: 0.2, relaxed: 1.0, unrelaxed: 4.0}",
-        "displacement": "0.01*sin(6*t)",
-        "final_time": "5.0",
-    }
-    sweep = "problem.law.order: {from: 0.2, to: 0.8, number: 4}"
-    methods = "{rk: gauss, degree: 4}"
     forces = ("displacement",)
-
-    law: Annotated[tuple[Term, ...], OneOrMany(shape=damping_terms().shape, as_it_stands=True)] = (
-        key(
-            "A law or springpot as under damping of other kinds, or a list of parallel ones; "
-            "its coefficient multiplies the displacement."
-        )
+    solutions = ()
+    kind: Literal["material"] = key("Which equation.", "material")
+    law: Annotated[Term | Annotated[list[Term], Field(min_length=1)], BY_FORM] = key(
+        "A law or springpot as under damping of other kinds, or a list of parallel ones; its "
+        "coefficient multiplies the displacement."
     )
-    displacement: GroundMotion = key(
+    displacement: TimeFunction = key(
         "u(t): number or expression in t, {pieces: [...]} without jumps, or samples, {file: "
         "bench.csv, column: u, time: t}, equally spaced or not. A strain "
         "where the force is a stress.",
         unit="length",
     )
-    final_time: Positive = key(
-        "End T of the interval [0, T]; of samples it is the last one.", unit="time", default=None
+    final_time: Positive | None = key(
+        "End T of the interval [0, T]; of samples it is the last one.", None, unit="time"
     )
-    parameters: Parameters = PARAMETERS
 
-    def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The keys, with the time of the last sample as default of ``final_time``."""
-        given = values.get("displacement")
-        if isinstance(given, Mapping) and "digest" in given:
-            time = numbers_of(given)[:, 0]
-            if time.size < FEWEST_SAMPLES:
-                at.refuse(
-                    f"{time.size} samples of a displacement; at least {FEWEST_SAMPLES} are needed",
-                    "displacement",
-                )
-            values.setdefault("final_time", float(time[-1]))
-        return values
+    def mistakes(self) -> Iterator[Wrong]:
+        """Few samples, or no end, too."""
+        yield from super().mistakes()
+        if isinstance(self.displacement, Samples):
+            number = len(self.displacement.numbers)
+            if number < FEWEST_SAMPLES:
+                words = f"{number} samples; at least {FEWEST_SAMPLES} are needed"
+                yield Wrong(("displacement",), words)
+        elif self.final_time is None:
+            yield Wrong(("final_time",), "missing; it must be a positive number")
+
+    @model_validator(mode="after")
+    def _fill_time(self) -> Self:
+        if self.final_time is None and isinstance(self.displacement, Samples):
+            self.__dict__["final_time"] = float(self.displacement.numbers[-1, 0])
+            self.__pydantic_fields_set__.add("final_time")
+        return self
 
     def build_scene(self) -> Scene:
         """The law along its displacement."""
-        if self.final_time is None:
-            raise ArgumentError("final_time", "missing; it must be a positive number")
-        final_time = float(self.final_time)
-        damping, laws = build_damping(self.law, (COORDINATE,), place="law")
+        final_time = float(self.final_time or 0.0)
+        check_names((COORDINATE,), self.parameters)
+        terms = self.law if isinstance(self.law, list) else [self.law]
+        damping, laws = build_damping(terms, (COORDINATE,), place="law")
         check_names_of_dampers((*damping, *laws), "law")
-        given = with_parameters(vars(self))["displacement"]
-        displacement = build_forcing(given, 1, "displacement", final_time=final_time)
+        displacement = build_forcing(
+            self._numeric(self.displacement), 1, "displacement", final_time=final_time
+        )
         if displacement is None:
             raise ArgumentError("displacement", "it is constant; give a displacement that changes")
         motion = PrescribedMotion(displacement=displacement, final_time=final_time)
@@ -125,7 +98,19 @@ class Material(
             check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
         return scene
 
-    def build_problem(self, *, search: bool = True) -> Problem:
+    def _numeric(self, given: Any) -> Any:
+        """The displacement with numbers in place of parameters, so that it has a rate."""
+        if isinstance(given, str):
+            return with_numbers(given, self.parameters)
+        if isinstance(given, Pieces):
+            pieces = [
+                Piece.model_construct(until=one.until, value=self._numeric(one.value))
+                for one in given.pieces
+            ]
+            return Pieces.model_construct(pieces=pieces)
+        return given
+
+    def build_problem(self) -> Problem:
         """The law along its displacement, which has no errors."""
         return Problem(
             kind=self.kind,
@@ -133,5 +118,5 @@ class Material(
             exact_source="none",
             equation=self.equation,
             coordinates=(COORDINATE,),
-            numbers=self.parameters or {},
+            numbers=self.parameters,
         )

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.scenes.records.data_files import (
     MOST_SAMPLES,
     DataFileError,

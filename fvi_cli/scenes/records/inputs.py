@@ -1,24 +1,67 @@
-"""Numbers of input files, which the process keeps once, by the digest that configurations hold."""
+"""Input files of a configuration: their numbers are kept once in the process, by their digest."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Final
+from pathlib import Path
+from typing import Annotated, Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, ValidationInfo, model_validator
 
-from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.scalars import Text
-from fvi_cli.keys.settings import key
+from fvi_cli.errors import ArgumentError, excerpt
+from fvi_cli.scenes.keys.values import Keys, Wrong, key, refused
+from fvi_cli.scenes.records.data_files import DataFileError
 
-Digest = Annotated[str | None, Text(what="64 hexadecimal digits", pattern="[0-9a-f]{64}")]
-DIGEST: Final = key("SHA-256 of the numbers that were read; filled in.", default=None)
-PLACE: Final = ("file", "column", "time", "variable")
+PLACE: Final = ("file", "column", "time", "decimal", "variable")
 """Keys that say where numbers stand; the digest says which ones they are."""
 
 _KEPT: Final[dict[str, NDArray[Any]]] = {}
+
+
+class FromFile(Keys):
+    """Numbers of a file, which is read when the mapping is validated.
+
+    The context of the validation may hold the `folder` at which relative paths begin, and the
+    mapping `files` of digests that were read before.
+    """
+
+    file: str = key("Path of the file; a relative one begins at the configuration.")
+    digest: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = key(
+        "SHA-256 of the numbers that were read; filled in.", None
+    )
+
+    def read(self, path: Path, name: str) -> NDArray[Any]:
+        """The numbers of the file at a path, called `name` in messages."""
+        raise NotImplementedError
+
+    @property
+    def numbers(self) -> NDArray[Any]:
+        """The numbers that were read."""
+        return kept_numbers(str(self.digest))
+
+    @model_validator(mode="after")
+    def _read(self, info: ValidationInfo) -> Self:
+        if is_kept(self.digest):
+            return self
+        context: Mapping[str, Any] = info.context or {}
+        path = Path(context.get("folder") or "", self.file)
+        known = context.get("files", {})
+        where = (type(self), path, *(getattr(self, name, None) for name in PLACE[1:]))
+        name = excerpt(self.file, 200)
+        if where not in known:
+            try:
+                known[where] = keep_numbers(self.read(path, name))
+            except DataFileError as error:
+                raise refused(*(Wrong((error.key,), one) for one in error.messages)) from None
+        if self.digest not in (None, known[where]):
+            message = f"{name} has changed; leave digest out to take what it holds"
+            raise refused(Wrong(("digest",), message))
+        self.__dict__["digest"] = known[where]
+        self.__pydantic_fields_set__.add("digest")
+        return self
 
 
 def digest_of(numbers: NDArray[Any]) -> str:
@@ -42,17 +85,16 @@ def is_kept(digest: object) -> bool:
     return digest in _KEPT
 
 
-def numbers_of(specification: Mapping[str, Any]) -> NDArray[Any]:
-    """The numbers of the mapping of a file that was read.
+def kept_numbers(digest: str) -> NDArray[Any]:
+    """The numbers of a file that was read.
 
     Raises
     ------
     ArgumentError
-        If the file was not read.
+        If none was read with this digest.
     """
-    digest = str(specification.get("digest"))
     if digest not in _KEPT:
-        raise ArgumentError("file", f"{specification['file']} was not read; load a configuration")
+        raise ArgumentError("file", "it was not read; load a configuration")
     return _KEPT[digest]
 
 
@@ -65,7 +107,7 @@ def inputs_in(value: object) -> Iterator[tuple[str, NDArray[Any]]]:
     """Digests and numbers of all files in JSON values."""
     if isinstance(value, Mapping):
         if is_file(value):
-            yield str(value["digest"]), numbers_of(value)
+            yield str(value["digest"]), kept_numbers(str(value["digest"]))
         for one in value.values():
             yield from inputs_in(one)
     elif isinstance(value, list | tuple):

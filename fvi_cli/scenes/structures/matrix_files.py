@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, is_sparse, symmetric_form
 from fvi_cli.effects.matrices import form as shortest
-from fvi_cli.keys.complaints import excerpt, listed, suggestion
+from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.scenes.records.data_files import (
     DataFileError,
     check_lines,

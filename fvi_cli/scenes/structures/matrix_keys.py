@@ -1,27 +1,17 @@
-"""Symmetric matrices under a key, also from files."""
+"""Symmetric matrices as values of keys, also from files."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
-from typing import Annotated, Any, Final, cast
+from pathlib import Path
+from typing import Annotated, cast
 
 import numpy as np
 
-from fvi_cli.effects.matrices import (
-    Form,
-    SparseMatrix,
-    as_csr,
-    indefinite_words,
-    is_sparse,
-    sparse_unit,
-)
-from fvi_cli.keys.cursor import INVALID, PLAIN, Cursor
-from fvi_cli.keys.scalars import Text
-from fvi_cli.keys.settings import PlainSetting, key, record_of
+from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_sparse, sparse_unit
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.records.data_files import file_under, with_digest
-from fvi_cli.scenes.records.inputs import DIGEST, Digest, is_kept, numbers_of
+from fvi_cli.scenes.keys.values import BY_FORM, Matrix, Positive, key
+from fvi_cli.scenes.records.inputs import FromFile, kept_numbers
 from fvi_cli.scenes.structures.matrix_files import read_matrix
 
 
@@ -35,7 +25,7 @@ def matrix_as_numbers(matrix: Form) -> Array:
 
 @functools.lru_cache(maxsize=32)
 def _matrix_of_digest(digest: str) -> Form:
-    numbers = numbers_of({"file": "", "digest": digest})
+    numbers = kept_numbers(digest)
     if numbers.ndim == 2:
         return numbers
     from scipy.sparse import coo_array, csr_array
@@ -45,70 +35,45 @@ def _matrix_of_digest(digest: str) -> Form:
     return cast(SparseMatrix, csr_array(coo_array((data, places), shape=(rows, rows))))
 
 
-def _read(values: Mapping[str, Any], at: Cursor, *, positive: bool) -> Any:
-    """The keys of a matrix with the digest of its entries in the file."""
-    if is_kept(values.get("digest")):
-        return values
-    file, name = file_under(values["file"], at)
-    variable = values.get("variable")
+class MatrixFile(FromFile):
+    """A symmetric matrix from a file."""
 
-    def read() -> Array:
-        return matrix_as_numbers(read_matrix(file, name, variable))
-
-    found = with_digest(values, at, ("matrix", file, variable), read)
-    if positive and found is not INVALID and indefinite_words(_matrix_of_digest(found["digest"])):
-        return at.refuse(
-            f"{name}: an eigenvalue is zero or negative; a mass must be positive definite", "file"
-        )
-    return found
-
-
-class MatrixFileShape(PlainSetting, expected="a matrix from a file, such as {file: K.mtx}"):
-    """A symmetric matrix from a file that is read together with the configuration."""
-
-    file: Annotated[str, Text(what="the path of a file, from the configuration's folder")] = key(
-        "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or "
-        "rows of numbers (.csv, .txt); a relative path begins at the configuration."
+    file: str = key(
+        "Matrix Market (.mtx), NumPy (.npy, .npz, also of scipy.sparse), MATLAB (.mat) or rows of "
+        "numbers (.csv, .txt); a relative path begins at the configuration."
     )
-    variable: Annotated[str | None, Text(what="the name of a matrix")] = key(
-        "Which matrix of a .mat or .npz file that holds several.", default=None
-    )
-    digest: Digest = DIGEST
+    variable: str | None = key("Which matrix of a .mat or .npz file that holds several.", None)
 
-    def check(self, at: Cursor, values: dict[str, Any]) -> Any:
-        """The keys with the digest of the entries in the file."""
-        return _read(values, at, positive=isinstance(self, MassFile))
+    def read(self, path: Path, name: str) -> Array:
+        """The entries as they are kept."""
+        return matrix_as_numbers(read_matrix(path, name, self.variable))
 
-
-class MassFile(MatrixFileShape):
-    """A positive definite matrix from a file."""
+    @property
+    def form(self) -> Form:
+        """The matrix."""
+        return _matrix_of_digest(str(self.digest))
 
 
-MATRIX_FILE: Final = record_of(MatrixFileShape)
-MASS_FILE: Final = record_of(MassFile)
-
-
-def file_form(value: object) -> Form | None:
-    """The matrix of a mapping that was read by `MATRIX_FILE`; None for anything else."""
-    # test plain types first: isinstance with Mapping is slow, and sweeps are large
-    if type(value) in PLAIN or not isinstance(value, Mapping) or "file" not in value:
-        return None
-    numbers_of(value)
-    return _matrix_of_digest(str(value["digest"]))
+NumberOrMatrix = Annotated[float | Matrix | MatrixFile, BY_FORM]
+PositiveOrMatrix = Annotated[Positive | Matrix | MatrixFile, BY_FORM]
 
 
 def matrix_size(value: object) -> int | None:
-    """Number of rows of a matrix from a file; None for anything else."""
-    if isinstance(value, Mapping) and "file" in value and "column" not in value:
-        return int(_matrix_of_digest(str(value["digest"])).shape[0]) if "digest" in value else None
-    return None
+    """Number of rows of a matrix; None for a number."""
+    if isinstance(value, MatrixFile):
+        return int(value.form.shape[0])
+    return len(value) if isinstance(value, list) else None
+
+
+def is_sparse_file(value: object) -> bool:
+    """Whether a value is a sparse matrix from a file."""
+    return isinstance(value, MatrixFile) and is_sparse(value.form)
 
 
 def matrix_of(value: object, dimension: int, *, sparse: bool = False) -> Form:
     """A number times the unit matrix (sparse if requested), or a matrix unchanged."""
-    from_file = file_form(value)
-    if from_file is not None:
-        return from_file
+    if isinstance(value, MatrixFile):
+        return value.form
     if is_sparse(value):
         return cast("SparseMatrix", value)
     matrix = np.asarray(value, dtype=float)

@@ -3,61 +3,45 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Annotated, Final
 
 import numpy as np
+from pydantic import Field
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import Form, as_csc, dense
 from fvi_cli.errors import ArgumentError
-from fvi_cli.keys.containers import ListOf
-from fvi_cli.keys.cursor import Cursor
-from fvi_cli.keys.scalars import Integer, Number
-from fvi_cli.keys.settings import NotNegative, Setting, key
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.scenes.keys.values import Fraction, Keys, NotNegative, Order, Pair, Wrong, key
 
 LARGEST_DENSE: Final = 400
 """Degrees of freedom up to which all modes are computed at once."""
 
 
-class Rayleigh(
-    Setting,
-    forms=(("ratios", "modes?"), ("mass?", "stiffness?", "order?")),
-    expected="a mapping such as {ratios: [0.02, 0.05], modes: [1, 3]} or {mass: 0.05, "
-    "stiffness: 0.001}",
-):
-    """Damping (a M + b K) D^gamma x."""
+class Rayleigh(Keys):
+    """Damping (a M + b K) D^gamma x, by its factors or by the ratios of two modes."""
 
-    ratios: Annotated[
-        tuple[float, float] | None,
-        ListOf(shape=Number(above=0.0, below=1.0), least=2, most=2, example="[0.02, 0.05]"),
-    ] = key("Damping ratios of two modes, which give a and b (no unit).", default=None)
-    modes: Annotated[
-        tuple[int, int] | None,
-        ListOf(shape=Integer(least=1, most=100_000), least=2, most=2, example="[1, 3]"),
-    ] = key("Their numbers, counted from 1 by frequency; default: [1, 2].", default=None)
+    ratios: Pair[Fraction] | None = key("Damping ratios of two modes, which give a and b.", None)
+    modes: Pair[Annotated[int, Field(ge=1, le=100_000)]] | None = key(
+        "Their numbers, counted from 1 by frequency; default: [1, 2].", None
+    )
     mass: NotNegative | None = key(
-        "a, in place of ratios; default: 0.", unit="time^(gamma-2)", default=None
+        "a, in place of ratios; default: 0.", None, unit="time^(gamma-2)"
     )
     stiffness: NotNegative | None = key(
-        "b, in place of ratios; default: 0.", unit="time^gamma", default=None
+        "b, in place of ratios; default: 0.", None, unit="time^gamma"
     )
-    order: Annotated[float | None, Number(above=0.0, below=2.0)] = key(
-        "Order gamma of the derivative beside mass and stiffness (no unit); default: 1.",
-        default=None,
-    )
+    order: Order | None = key("Order gamma beside mass and stiffness; default: 1.", None)
 
-    @classmethod
-    def check_presence(cls, at: Cursor) -> None:
-        """Complain of both forms together, and of none."""
-        by_ratios = at.has("ratios") or at.has("modes")
-        if by_ratios:
-            for name in ("mass", "stiffness", "order"):
-                if at.has(name):
-                    at.refuse_key(name, "not together with ratios")
-        if not (at.has("mass") or at.has("stiffness") or at.has("ratios")):
-            at.refuse("missing; write ratios: [0.02, 0.05], or mass and stiffness", "ratios")
+    def mistakes(self) -> Iterator[Wrong]:
+        """Both forms together, or none."""
+        given = {name for name, value in self if value is not None}
+        if not given & {"ratios", "mass", "stiffness"}:
+            yield Wrong((), "ratios: [0.02, 0.05] are missing, or mass and stiffness")
+        if given & {"ratios", "modes"}:
+            for name in sorted(given & {"mass", "stiffness", "order"}):
+                yield Wrong((name,), "not together with ratios", of_key=True)
 
 
 def rayleigh_damping(mass: Form, stiffness: Form, given: Rayleigh) -> FractionalDamping:

@@ -1,103 +1,168 @@
-"""Estimates with their 95 % intervals."""
+"""Intervals by profile likelihood: how far a parameter can move if all others are adjusted."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from fvi_cli.studies.fits.profile import (
-    BETTER,
-    BetterMinimumError,
-    Minimum,
-    Side,
-    descend,
-    profile_side,
-    quantile,
-)
+from fvi_cli.integrator.gradients.gradient import RunFailedError
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.result import Estimate
+from fvi_cli.studies.fits.search import Found, least_squares_from
 from fvi_cli.studies.fits.statistics import covariance, freedoms
+
+CONFIDENCE = 0.95
+CLOSE = 0.01
+"""Relative accuracy of the ends of intervals, and of the increase of the misfit there."""
+BETTER = 0.01
+"""A misfit counts as another minimum if it is less by more than this share of the variance."""
+LONGEST = 3.0
+"""Longest first step of a logarithm, whose parameter may have no influence where it begins."""
+MOST_STEPS = 12
+"""Most steps, each 1.6 times as long as the last, by which an end is sought; .3 after a failure."""
+
+
+class BetterMinimumError(ValueError):
+    """A `point`, in inner parameters, has less misfit than the minimum."""
+
+    def __init__(self, point: Array) -> None:
+        super().__init__("another minimum has less misfit")
+        self.point = point
+
+
+def quantile(freedom: float, *, is_known: bool) -> float:
+    """Quantile of the normal distribution where the noise is known, otherwise of Student's t."""
+    from scipy.special import ndtri, stdtrit
+
+    share = 0.5 + 0.5 * CONFIDENCE
+    return float(ndtri(share) if is_known else stdtrit(freedom, share))
 
 
 def estimates(
-    best: Minimum,
-    variance: float,
-    *,
-    is_known: bool,
-    is_clean: bool,
-    is_sought: bool,
+    model: MotionModel, best: Found, variance: float, *, is_known: bool, is_profiled: bool
 ) -> tuple[Estimate, ...]:
-    """Every parameter with its interval.
+    """Every parameter with its interval, by the curvature of the misfit or by its profile.
 
     Raises
     ------
     BetterMinimumError
         If the first point is no minimum.
     """
-    model = best.model
-    _, errors, _ = covariance(best.evaluation, variance)
-    ranks = freedoms(best.evaluation, model.sizes)
-    if is_sought and not is_clean:
-        _check_minimum(best, variance)
-    found = []
-    for index in range(len(model.free)):
+    _, errors, is_regular = covariance(best.at, variance)
+    ranks, found = freedoms(best.at, model.sizes), []
+    values, slopes = model.values(best.point), model.slopes(best.point)
+    for index, one in enumerate(model.free):
         threshold = quantile(float(ranks[index]), is_known=is_known)
-        sides = []
-        for sign in (-1.0, 1.0):
-            step = sign * threshold * errors[index]
-            if is_clean:
-                side = _by_curvature(best, index, step)
-            elif not is_sought:
-                side = Side(end=math.nan, reached=float(best.point[index]))
-            else:
-                side = profile_side(best, index, step, variance=variance, threshold=threshold)
-            sides.append(side)
-        found.append(_estimate(best, index, sides, float(errors[index])))
+        ends, reached = [math.nan] * 2, [float(best.point[index])] * 2
+        points, bounds = [(float(best.point[index]), 0.0)], []
+        for side, name in enumerate(("low", "high")):
+            step = (2 * side - 1) * threshold * float(errors[index])
+            limit = float(model.bounds[side][index])
+            if is_profiled:
+                profile = Profile(model, best, index, variance, threshold)
+                ends[side] = profile.end(step, limit)
+                reached[side] = profile.reached
+                points += profile.points
+            elif is_regular:
+                end = points[0][0] + step
+                ends[side] = limit if (end - limit) * step >= 0 else end
+            if ends[side] == limit:
+                ends[side] = getattr(one, name)
+                bounds += [name] if math.isfinite(ends[side]) else []
+            elif not math.isnan(ends[side]):
+                ends[side] = one.outer(ends[side])
+        tried = [[one.outer(at), root] for at, root in sorted(points)]
+        found.append(
+            Estimate(
+                name=one.key,
+                value=float(values[index]),
+                standard_error=float(errors[index] * slopes[index]),
+                low=ends[0],
+                high=ends[1],
+                at_bound="both" if len(bounds) == 2 else "".join(bounds),
+                reached=(one.outer(reached[0]), one.outer(reached[1])),
+                profile=np.array(tried),
+            )
+        )
     return tuple(found)
 
 
-def _check_minimum(best: Minimum, variance: float) -> None:
-    """Look for less misfit near a minimum: a search in logarithms may stop short of a zero.
+class Profile:
+    """The increase of the misfit along one parameter, all others fitted anew."""
 
-    Raises
-    ------
-    BetterMinimumError
-        If there is a point with less misfit.
-    """
-    cost = best.evaluation.cost
-    found = descend(best, best.point, best.evaluation, -1, cost)
-    if found.cost < cost - BETTER * variance:
-        raise BetterMinimumError(found.point)
+    def __init__(
+        self, model: MotionModel, best: Found, index: int, variance: float, threshold: float
+    ) -> None:
+        self._model, self._best, self._near, self._index = model, best, best, index
+        self._variance, self._threshold = variance, threshold
+        self.points: list[tuple[float, float]] = []  # values and signed roots of the increase
+        self.reached = float(best.point[index])  # the farthest value known to lie inside
 
+    def excess(self, value: float) -> float:
+        """How far the root of the increase exceeds its threshold; 0: close enough.
 
-def _by_curvature(best: Minimum, index: int, step: float) -> Side:
-    bound = float(best.bounds[int(step > 0)][index])
-    end = float(best.point[index] + step)
-    is_bound = math.copysign(1.0, step) * (end - bound) >= 0
-    return Side(end=bound if is_bound else end, is_bound=is_bound)
+        Raises
+        ------
+        RunFailedError
+            If the misfit cannot be computed there.
+        BetterMinimumError
+            If it is less than at the minimum.
+        """
+        best, near, index = self._best, self._near, self._index
+        centre = float(best.point[index])
+        if value == centre:
+            return -self._threshold
+        # the others are moved to first order
+        others = np.delete(np.arange(near.point.size), index)
+        jacobian = near.at.jacobian
+        pushed = near.at.residuals + jacobian[:, index] * (value - near.point[index])
+        start = near.point.copy()
+        start[others] -= np.linalg.lstsq(jacobian[:, others], pushed, rcond=1e-7)[0]
+        start[others] = np.clip(start[others], *(np.array(b)[others] for b in self._model.bounds))
+        start[index] = value
+        gain = CLOSE * self._threshold**2 * self._variance
+        fit = partial(
+            least_squares_from, self._model, most=30, tolerance=1e-8, gain=gain, fixed=index
+        )
+        try:
+            found = fit(start)
+        except RunFailedError:
+            start = near.point.copy()
+            start[index] = value
+            found = fit(start)
+        if found.message:
+            raise RunFailedError(found.message)
+        if found.cost < best.cost - BETTER * self._variance:
+            raise BetterMinimumError(found.point)
+        root = math.sqrt(max(found.cost - best.cost, 0.0) / self._variance)
+        self.points.append((value, math.copysign(root, value - centre)))
+        if root < self._threshold and abs(value - centre) > abs(self.reached - centre):
+            self.reached, self._near = value, found
+        return 0.0 if abs(root / self._threshold - 1.0) <= CLOSE else root - self._threshold
 
+    def end(self, step: float, limit: float) -> float:
+        """The end of the interval in the direction of a first step; nan where it was not found."""
+        from scipy.optimize import brentq
 
-def _estimate(best: Minimum, index: int, sides: Sequence[Side], error: float) -> Estimate:
-    one = best.model.free[index]
-    ends, bounds = [], []
-    for side, name in zip(sides, ("low", "high"), strict=True):
-        end = math.nan if math.isnan(side.end) else one.outer(side.end)
-        if side.is_bound:
-            # infinite: there is no limit
-            end = one.low if name == "low" else one.high
-            if math.isfinite(end):
-                bounds.append(name)
-        ends.append(end)
-    tried = np.concatenate([sides[0].points, [[best.point[index], 0.0]], sides[1].points])
-    tried = tried[np.argsort(tried[:, 0])]
-    return Estimate(
-        name=one.key,
-        value=float(best.model.values(best.point)[index]),
-        standard_error=error * float(best.model.slopes(best.point)[index]),
-        low=ends[0],
-        high=ends[1],
-        at_bound="both" if len(bounds) == 2 else "".join(bounds),
-        reached=(one.outer(sides[0].reached), one.outer(sides[1].reached)),
-        profile=np.column_stack([[one.outer(u) for u in tried[:, 0]], tried[:, 1]]),
-    )
+        centre = float(self._best.point[self._index])
+        if not math.isfinite(step) or self._model.free[self._index].is_positive:
+            step = math.copysign(min(abs(step), LONGEST), step)
+        inside = centre
+        for _ in range(MOST_STEPS):
+            value = inside + step
+            value = limit if (value - limit) * step >= 0 else value
+            try:
+                excess = self.excess(value)
+                if excess == 0.0 or (excess < 0.0 and value == limit):
+                    return value
+                if excess > 0.0:
+                    width = abs(value - inside)
+                    return float(brentq(self.excess, inside, value, xtol=CLOSE * width, rtol=1e-12))
+                inside, step = value, 1.6 * step
+            except RunFailedError:
+                # neither inside nor outside: nearer values may tell
+                step *= 0.3
+        return math.nan

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +13,8 @@ from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
 
 ALIKE = 0.99
 """Parameters whose estimates are correlated like this are hard to distinguish."""
+UNLIKELY = 0.001
+"""Probability below which residuals are said not to be noise."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,22 +37,6 @@ class Estimate:
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``."""
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings about the interval."""
-        found = []
-        if self.at_bound:
-            found.append(f"{self.name}: the interval ends at a bound ({self.at_bound})")
-        sides = zip((self.low, self.high), ("below", "above"), self.reached, strict=True)
-        for end, word, reached in sides:
-            if math.isinf(end):
-                found.append(f"{self.name}: the data do not bound it {word}")
-            elif math.isnan(end):
-                is_known = not math.isnan(reached) and reached != self.value
-                known = f"; it reaches to {reached:.6g} at least" if is_known else ""
-                found.append(f"{self.name}: the end of the interval {word} was not found{known}")
-        return tuple(found)
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SeriesFit:
@@ -72,26 +58,17 @@ class ModelFit:
 
     model: FitModel
     estimates: tuple[Estimate, ...]
-    correlations: Array
-    """Correlations of the estimates, ``(p, p)``."""
-    evaluations: int
-    message: str
-    """Why the fit failed, or which parameters the data do not determine."""
-    assignments: tuple[dict[str, float], ...]
-    """For every data set the fitted values by key path."""
+    assignments: tuple[dict[str, float], ...]  # of every data set the values by key path
+    message: str = ""  # why the fit failed, or that the data do not determine all parameters
+    correlations: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of estimates, (p, p)
     series: tuple[SeriesFit, ...] = ()
-    """The data and the residuals."""
-    misfit: float = math.inf
-    """Sum of squares over the variance of the noise."""
-    criterion: float = math.inf
-    """AICc: smaller is better."""
+    misfit: float = math.inf  # sum of squares over the variance of the noise
+    is_known: bool = False  # whether the noise is given
+    criterion: float = math.inf  # AICc: smaller is better
+    # probability (Ljung and Box) of residuals as correlated as these if they were noise
     whiteness: float = 1.0
-    """Probability (Ljung and Box) of residuals as correlated as these if they were noise."""
     steps: int = 0
-    discretisation: float = math.inf
-    """Error of the runs, relative to the residuals."""
-    others: tuple[tuple[float, ...], ...] = ()
-    """Other minima that fit alike: values of the parameters."""
+    discretisation: float = math.inf  # error of the runs, relative to the residuals
     is_converged: bool = False
 
     @property
@@ -101,63 +78,38 @@ class ModelFit:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings about the result, or the reason why there is none."""
-        found = self._inseparable()
-        if not self.is_converged:
-            return tuple(found)
-        for one in self.estimates:
-            found += one.warnings
-        for values in self.others:
-            shown = ", ".join(
-                f"{one.name} = {value:.6g}"
-                for one, value in zip(self.estimates, values, strict=True)
+        """What cannot be separated, and residuals that are not noise."""
+        return (*self._inseparable(), *self._of_noise())
+
+    def _inseparable(self) -> Iterator[str]:
+        """Pairs of parameters that the data hardly distinguish."""
+        for i, j in np.argwhere(np.abs(np.tril(self.correlations, -1)) > ALIKE).tolist():
+            value = float(self.correlations[i, j])
+            gain = 1.0 / math.sqrt(max(1.0 - value**2, 1e-16))
+            yield (
+                f"{self.estimates[j].name} and {self.estimates[i].name} can hardly be separated "
+                f"by these data: correlation {value:+.4f}; were one of them known, the error of "
+                f"the other would be {gain:.0f} times smaller"
             )
-            found.append(f"another minimum fits as well: {shown}")
-        found += self._of_noise()
-        if self.whiteness < 0.001:
-            found.append(
+
+    def _of_noise(self) -> Iterator[str]:
+        """Residuals that are correlated, or contradict the noise that is given."""
+        from scipy.special import chdtr, chdtrc
+
+        if self.whiteness < UNLIKELY:
+            yield (
                 f"the residuals are not noise (probability {self.whiteness:.1e}): the model is "
                 "incomplete"
             )
-        return tuple(found)
-
-    def _inseparable(self) -> list[str]:
-        """Pairs of parameters that the data hardly distinguish."""
-        advice = "" if self.is_converged else "; if one of them is known, write it into the problem"
-        found = []
-        for i, one in enumerate(self.estimates):
-            for j in range(i):
-                value = self.correlations[i, j]
-                if abs(value) > ALIKE:
-                    gain = 1.0 / np.sqrt(max(1.0 - value**2, 1e-16))
-                    found.append(
-                        f"{self.estimates[j].name} and {one.name} can hardly be separated by "
-                        f"these data: correlation {value:+.4f}; were one of them known, the error "
-                        f"of the other would be {gain:.0f} times smaller"
-                        f"{advice}"
-                    )
-        return found
-
-    def _of_noise(self) -> list[str]:
-        """Warnings where residuals contradict the noise that the configuration gives."""
-        from scipy.special import chdtr, chdtrc
-
         freedom = self.n_values - len(self.estimates)
-        # with estimated noise the misfit equals the degrees of freedom: it shows nothing
-        if freedom < 1 or not math.isfinite(self.misfit) or self.misfit == freedom:
-            return []
-        ratio = math.sqrt(self.misfit / freedom)
-        if chdtrc(freedom, self.misfit) < 0.001:
-            return [
-                f"the residuals are {ratio:.3g} times as large as the given noise: the "
-                "intervals are too short; write noise: auto, or another model"
-            ]
-        if chdtr(freedom, self.misfit) < 0.001:
-            return [
-                f"the residuals are {ratio:.3g} times the given noise: the intervals are "
-                "too long; write noise: auto"
-            ]
-        return []
+        if not self.is_known or freedom < 1 or not math.isfinite(self.misfit):
+            return
+        if min(chdtrc(freedom, self.misfit), chdtr(freedom, self.misfit)) < UNLIKELY:
+            ratio = math.sqrt(self.misfit / freedom)
+            yield (
+                f"the residuals are {ratio:.3g} times as large as the given noise: the intervals "
+                f"are too {'short' if ratio > 1.0 else 'long'}; write noise: auto, or another model"
+            )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -1,4 +1,4 @@
-"""Least squares from a coarse scan, on more and more of the data.
+"""Least squares from few starts, on more and more of the data.
 
 The misfit of an oscillation has a valley for every phase that fits by chance; the valleys are the
 narrower the more periods are measured. A short beginning of the data has only one valley. Its
@@ -8,26 +8,23 @@ minimum is then followed to longer and longer parts of the data.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
-from fvi_cli.studies.fits.settings import DataSet, FitParameter
+from fvi_cli.studies.fits.settings import DataSet
 
 REACH = 1.0
 """Number of decades on either side of their start over which positive parameters are scanned."""
-MOST_ITERATIONS = 100
-PATIENCE = 20
-"""Most evaluations of a candidate on all data, before the best candidate is refined."""
-FIRST_ITERATIONS = 7
-"""Most evaluations of a candidate on a part of the data."""
 SAME = 0.01
 """Candidates closer than this in every inner parameter count as one."""
-ROUGH = 1e-3
-"""Tolerance on a part of the data."""
+ROUGH, FINE = 1e-3, 1e-10
+"""Tolerances of parameters on a part of the data, and of the estimates."""
+PRIMES = np.array([k for k in range(2, 400) if all(k % j for j in range(2, k))])
 HOPELESS = 30.0
 """Candidates with more than so many times the misfit of the best are dropped."""
 
@@ -37,113 +34,141 @@ class Found:
     """A point at which least squares ended."""
 
     point: Array  # inner parameters
-    cost: float
-    is_converged: bool  # whether it is a minimum, as far as is known
-    message: str
+    at: Evaluation
+    message: str = ""  # why it may be no minimum
+
+    @property
+    def cost(self) -> float:
+        """Sum of the squares."""
+        return self.at.cost
 
 
 def least_squares_from(
     model: MotionModel,
     start: Array,
-    bounds: tuple[Array, Array],
     *,
-    most: int = MOST_ITERATIONS,
-    tolerance: float = 1e-10,
-) -> Found | None:
-    """Gauss-Newton in a trust region, with exact derivatives; None: the start has no misfit.
+    most: int = 100,
+    tolerance: float = FINE,
+    gain: float = 0.0,
+    fixed: int = -1,
+) -> Found:
+    """Gauss-Newton in a trust region, with exact derivatives, within the bounds.
 
-    `tolerance` is that of the parameters, relative; the misfit may still change by its square.
+    It ends where parameters change by `tolerance`, relative, or the misfit by its square or by
+    `gain`. The parameter of the number `fixed` is held.
+
+    Raises
+    ------
+    RunFailedError
+        If the start has no misfit.
     """
     from scipy.optimize import least_squares
 
-    kept: dict[bytes, Evaluation] = {}
+    known: dict[bytes, Evaluation | None] = {}
+    free = np.delete(np.arange(start.size), [fixed] if fixed >= 0 else [])
+    low, high = (one[free] for one in model.bounds)
+    begin = start.copy()
+    # least squares begin inside of the bounds
+    begin[free] = np.clip(start[free], _inside(low, high), _inside(high, low))
 
-    def at(point: Array) -> Evaluation:
-        key = point.tobytes()
-        if key not in kept:
-            kept.clear()
+    def at(point: Array) -> Evaluation | None:
+        whole = begin.copy()
+        whole[free] = point
+        key = whole.tobytes()
+        if key not in known:
             try:
-                kept[key] = model.evaluate(point)
-            except ValueError:
-                # no scene or no run at this point: the step was too long
-                kept[key] = Evaluation(residuals=np.full(model.size, np.nan))
-        return kept[key]
+                known[key] = model.evaluate(whole)
+            except RunFailedError:
+                # the step was too long
+                known[key] = None
+        return known[key]
 
     def residuals(point: Array) -> Array:
-        return at(point).residuals
+        found = at(point)
+        return np.full(sum(model.sizes), np.nan) if found is None else found.residuals
 
     def jacobian(point: Array) -> Array:
-        found = at(point).jacobian
-        return np.zeros((model.size, point.size)) if found is None else found
+        found = at(point)
+        assert found is not None
+        return found.jacobian[:, free]
 
-    low, high = bounds
-    begin = np.clip(start, _inside(low, high, 1e-9), _inside(high, low, 1e-9))
-    if not np.isfinite(at(begin).residuals).all():
-        return None
+    first = at(begin[free])
+    if first is None:
+        raise RunFailedError("the run fails at the start of least squares")
+    if not free.size:
+        return Found(point=begin, at=first)
     with np.errstate(all="ignore"):
         done = least_squares(
             residuals,
-            begin,
+            begin[free],
             jac=jacobian,
-            bounds=bounds,
+            bounds=(low, high),
             x_scale="jac",
             xtol=tolerance,
-            ftol=max(1e-13, 0.01 * tolerance),
+            ftol=max(1e-13, 0.01 * tolerance, gain / max(first.cost, 1e-300)),
             gtol=1e-14,
             max_nfev=most,
         )
-    return Found(
-        point=np.asarray(done.x, dtype=float),
-        cost=float(2.0 * done.cost),
-        is_converged=bool(done.status > 0),
-        message=str(done.message).rstrip("."),
-    )
+    end, point = at(done.x), begin.copy()
+    point[free] = done.x
+    assert end is not None
+    message = "" if done.status > 0 else str(done.message).rstrip(".")
+    return Found(point=point, at=end, message=message)
 
 
-def _inside(bound: Array, other: Array, share: float) -> Array:
+def _inside(bound: Array, other: Array, share: float = 1e-9) -> Array:
     """A bound moved a little towards the other one."""
     width = np.where(np.isfinite(other - bound), other - bound, np.sign(other - bound))
     return np.where(np.isfinite(bound), bound + share * width, bound)
 
 
-def search(model: MotionModel, bounds: tuple[Array, Array], scale: float) -> list[Found]:
-    """Minima of the misfit, the best first."""
+def search(model: MotionModel, scale: float) -> Found:
+    """The least minimum of the misfit that was found, roughly.
+
+    Raises
+    ------
+    RunFailedError
+        If every run near the starting values fails.
+    """
     parts = [MotionModel(model.model, data, model.deviations) for data in _windows(model)]
     for one in parts:
+        one.deviations = [
+            d if isinstance(d, float) else d[:n]
+            for d, n in zip(one.deviations, one.sizes, strict=True)
+        ]
         one.loosen(1e-4 * scale)
-    given = np.clip(model.start, *bounds)
-    candidates = [given, *(np.clip(point, *bounds) for point in _scan(model.free, bounds))]
-    costs = [_cost(parts[0], point) for point in candidates]
-    order = np.argsort(costs, kind="stable")
-    chosen = [candidates[index] for index in order[:3] if costs[index] < math.inf]
-    if costs[0] < math.inf and not any(point is given for point in chosen):
-        chosen.append(given)
-    for one in parts[:-1]:
-        found = distinct(
-            least_squares_from(one, point, bounds, most=FIRST_ITERATIONS, tolerance=ROUGH)
-            for point in chosen
-        )
+    given = np.clip(model.start, *model.bounds)
+    chosen = [given, *_scan(model)]
+    costs = [_cost(parts[0], point) for point in chosen]
+    order = [k for k in np.argsort(costs, kind="stable").tolist() if costs[k] < math.inf]
+    chosen = [chosen[k] for k in order[:3]]
+    for one in parts:
+        found = _distinct(one, [*chosen, given], most=7 if one is not parts[-1] else 20)
+        if not found:
+            raise RunFailedError("every run near the starting values fails")
         chosen = [each.point for each in found[:3] if each.cost <= HOPELESS * found[0].cost]
-    if not any(np.abs(point - given).max() <= SAME for point in chosen):
-        chosen.append(given)
-    return distinct(
-        least_squares_from(parts[-1], point, bounds, most=PATIENCE, tolerance=ROUGH)
-        for point in chosen
-    )
+    return found[0]
 
 
-def distinct(found: Iterable[Found | None]) -> list[Found]:
-    """The points found, the best first, each minimum once."""
-    kept: list[Found] = []
-    for one in sorted((o for o in found if o is not None), key=lambda o: o.cost):
+def _distinct(model: MotionModel, starts: Iterable[Array], most: int) -> list[Found]:
+    """The minima from some starts, the best first, each once."""
+    every, kept, begun = list[Found](), list[Found](), list[Array]()
+    for start in starts:
+        if all(np.abs(start - other).max() > SAME for other in begun):
+            begun.append(start)
+            try:
+                every.append(least_squares_from(model, start, most=most, tolerance=ROUGH))
+            except RunFailedError:
+                continue
+    for one in sorted(every, key=lambda one: one.cost):
         if all(np.abs(one.point - other.point).max() > SAME for other in kept):
             kept.append(one)
     return kept
 
 
 def _windows(model: MotionModel) -> list[list[DataSet]]:
-    """Beginnings of the data, each twice as long as the one before, and all of them."""
-    share = min(1.0, max(16, 4 * len(model.free) + 4) / model.size)
+    """Beginnings of the data, each three times as long as the one before, and all of them."""
+    share = min(1.0, max(16, 4 * len(model.free) + 4) / sum(model.sizes))
     found = []
     while share < 0.75:
         found.append([one.until(_time_of(one, share)) for one in model.data])
@@ -160,21 +185,17 @@ def _time_of(data: DataSet, share: float) -> float:
 def _cost(model: MotionModel, point: Array) -> float:
     try:
         return model.evaluate(point, with_jacobian=False).cost
-    except ValueError:
+    except RunFailedError:
         return math.inf
 
 
-def _scan(free: Sequence[FitParameter], bounds: tuple[Array, Array]) -> list[Array]:
-    """Points spread evenly (Halton's sequence) over likely values."""
-    from scipy.stats.qmc import Halton
-
-    # the first point of the sequence is a corner
-    shares = Halton(len(free), scramble=False).random(9 + 4 * len(free))[1:]
-    low, high = bounds
-    middle = np.array([one.inner(one.start) for one in free])
-    is_positive = np.array([one.is_positive for one in free])
-    reach = np.where(is_positive, math.log(10.0) * REACH, np.maximum(np.abs(middle), 1.0))
+def _scan(model: MotionModel) -> list[Array]:
+    """Points spread evenly over likely values, by multiples of irrational numbers."""
+    count, (low, high) = len(model.free), model.bounds
+    shares = np.outer(np.arange(1, 9 + 4 * count), np.sqrt(PRIMES[:count])) % 1.0
+    is_positive = np.array([one.is_positive for one in model.free])
+    reach = np.where(is_positive, math.log(10.0) * REACH, np.maximum(np.abs(model.start), 1.0))
     is_bounded = ~is_positive & np.isfinite(high - low)
-    begin = np.where(is_bounded, low, np.maximum(low, middle - reach))
-    end = np.where(is_bounded, high, np.minimum(high, middle + reach))
+    begin = np.where(is_bounded, low, np.maximum(low, model.start - reach))
+    end = np.where(is_bounded, high, np.minimum(high, model.start + reach))
     return list(begin + shares * (end - begin))

@@ -131,6 +131,7 @@ class FitSettings:
 
     data: tuple[DataSet, ...]
     models: tuple[FitModel, ...]  # one model, or several to be compared
+    # standard deviation of the noise, or that of each value relative to it; without both those of
+    # the columns are estimated from the residuals
     deviation: float | None = None
-    """Standard deviation of the noise; None: those of the columns are estimated from the
-    residuals."""
+    relative: float | None = None

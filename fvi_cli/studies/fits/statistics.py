@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.studies.fits.model import Evaluation, rms
+from fvi_cli.studies.fits.model import Evaluation
 
 SINGULAR = 1e-9
 """Singular values of the scaled derivatives below this: some parameters cannot be separated."""
@@ -16,19 +16,29 @@ ROUND_OFF = 1e-9
 """Residuals below this share of the data are round-off, not noise, and are not tested."""
 
 
+def rms(values: Array) -> float:
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
 def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:
     """Correlations and standard errors of inner parameters; and whether they are determined."""
-    jacobian = np.zeros((1, 0)) if at.jacobian is None else at.jacobian
-    sizes = np.linalg.norm(jacobian, axis=0)
-    p = sizes.size
+    sizes = np.linalg.norm(at.jacobian, axis=0)
     if not np.all(sizes > 0):
-        return np.eye(p), np.full(p, math.inf), False
-    _, singular, right = np.linalg.svd(jacobian / sizes, full_matrices=False)
-    least = np.maximum(singular, 1e-300)
-    covariance = (right.T / least**2) @ right
-    errors = np.sqrt(np.diag(covariance))
-    correlations = covariance / np.outer(errors, errors)
+        return np.eye(sizes.size), np.full(sizes.size, math.inf), False
+    _, singular, right = np.linalg.svd(at.jacobian / sizes, full_matrices=False)
+    found = (right.T / np.maximum(singular, 1e-300) ** 2) @ right
+    errors = np.sqrt(np.diag(found))
+    correlations = found / np.outer(errors, errors)
     return correlations, math.sqrt(variance) * errors / sizes, bool(singular[-1] > SINGULAR)
+
+
+def _factors(at: Evaluation) -> tuple[Array, Array]:
+    """An orthonormal basis of the scaled derivatives ``(n, r)``, and the map back to parameters."""
+    sizes = np.maximum(np.linalg.norm(at.jacobian, axis=0), 1e-300)
+    left, singular, right = np.linalg.svd(at.jacobian / sizes, full_matrices=False)
+    kept = singular > SINGULAR * singular.max(initial=0.0)
+    return left[:, kept], (right[kept].T / singular[kept]) / sizes[:, None]
 
 
 def series_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
@@ -38,10 +48,9 @@ def series_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     in series c, these are :math:`n_c - \mathrm{tr} H_{cc}` (Patterson and Thompson, *Recovery of
     inter-block information*, 1971: the variance of every series by restricted likelihood).
     """
-    left, _ = _factors(at)
-    ends = np.cumsum(sizes)[:-1]
-    used = [float(np.sum(part**2)) for part in np.split(left, ends)]
-    return np.asarray(np.maximum(np.array(sizes, dtype=float) - np.array(used), 0.0))
+    parts = np.split(_factors(at)[0], np.cumsum(sizes)[:-1])
+    used = np.array([float(np.sum(part**2)) for part in parts])
+    return np.asarray(np.maximum(np.array(sizes) - used, 0.0))
 
 
 def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
@@ -55,35 +64,16 @@ def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     rows = np.split(inverse @ left.T, np.cumsum(sizes)[:-1], axis=1)
     shares = np.array([np.sum(part**2, axis=1) for part in rows])
     shares /= np.maximum(shares.sum(axis=0), 1e-300)
-    return np.asarray(1.0 / np.sum(shares**2 / own[:, None], axis=0))
+    return np.asarray(1.0 / np.maximum(np.sum(shares**2 / own[:, None], axis=0), 1e-300))
 
 
-def _factors(at: Evaluation) -> tuple[Array, Array]:
-    """An orthonormal basis of the scaled derivatives ``(n, r)``, and the map back to parameters."""
-    jacobian = np.zeros((at.residuals.size, 0)) if at.jacobian is None else at.jacobian
-    sizes = np.maximum(np.linalg.norm(jacobian, axis=0), 1e-300)
-    left, singular, right = np.linalg.svd(jacobian / sizes, full_matrices=False)
-    kept = singular > SINGULAR * max([1e-300, *singular])
-    return left[:, kept], (right[kept].T / singular[kept]) / sizes[:, None]
-
-
-def criterion(
-    left: Sequence[Array], deviations: Sequence[float], p: int, *, is_known: bool
-) -> float:
+def criterion(left: Sequence[Array], misfit: float, p: int, *, is_known: bool) -> float:
     """AICc for normal noise; estimated deviations count as parameters."""
-    n = sum(one.size for one in left)
-    if is_known:
-        k = p
-        value = sum(
-            float(np.sum((one / deviation) ** 2))
-            for one, deviation in zip(left, deviations, strict=True)
-        )
-    else:
-        k = p + len(left)
+    n, k = sum(one.size for one in left), p if is_known else p + len(left)
+    value = misfit
+    if not is_known:
         value = sum(one.size * math.log(max(float(np.mean(one**2)), 1e-300)) for one in left)
-    if n <= k + 1:
-        return math.inf
-    return value + 2.0 * k + 2.0 * k * (k + 1) / (n - k - 1)
+    return value + 2.0 * k * n / (n - k - 1) if n > k + 1 else math.inf
 
 
 def whiteness(left: Array, values: Array) -> float:
@@ -95,9 +85,6 @@ def whiteness(left: Array, values: Array) -> float:
     from scipy.special import gammaincc
 
     centred = left - left.mean()
-    total = float(centred @ centred)
-    statistic = 0.0
-    for lag in range(1, lags + 1):
-        correlation = float(centred[lag:] @ centred[:-lag]) / total
-        statistic += n * (n + 2) * correlation**2 / (n - lag)
-    return float(gammaincc(0.5 * lags, 0.5 * statistic))
+    squares = np.array([float(centred[lag:] @ centred[: n - lag]) ** 2 for lag in range(lags + 1)])
+    weights = n * (n + 2) / (n - np.arange(1, lags + 1))
+    return float(gammaincc(0.5 * lags, 0.5 * float(weights @ squares[1:]) / squares[0]))

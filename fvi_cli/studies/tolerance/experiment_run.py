@@ -38,7 +38,9 @@ def run_for_tolerance(
         raise ValueError(f"{experiment.name}: no tolerance is asked for")
     unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
     tolerance = accuracy.tolerance
-    wanted = accuracy.replaced(tolerance=None if tolerance is None else tolerance / unit)
+    wanted = accuracy
+    if tolerance is not None:
+        wanted = accuracy.model_copy(update={"tolerance": tolerance / unit})
     found, other = solve_by_two_runs(scene, wanted, log=log)
     method = gauss(scene, 0 if found.steps is None else found.steps.tables.degree)
     known = found.assessment
@@ -60,7 +62,8 @@ def run_for_tolerance(
         )
     floor = 100 * EPSILON * unit * float(np.abs(trajectory.position).max())
     status: Observed = "floor" if error < floor else "ok"
-    trajectory = replace(trajectory, assessment=known, steps=None, on_mesh=None)
+    steps = on_mesh.steps if run.keeps_steps else None
+    trajectory = replace(trajectory, assessment=known, steps=steps, on_mesh=None)
     if known.outcome != "met":
         reason = "unreliable: " * (known.outcome == "unreliable") + known.reason
         trajectory, status = replace(trajectory, status="refused", message=reason), "refused"

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.prony import PronyKernel
-from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import gradient_of
-from fvi_cli.integrator.gradients.parameters import Parameter, entries_of
+from fvi_cli.integrator.gradients.parameters import Parameter, entries_of, moved
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import AnySteps
@@ -27,35 +25,14 @@ def changes(scene: Scene, *names: str) -> list[Parameter]:
 def changed(scene: Scene, name: str, value: np.ndarray) -> Scene:
     """The scene with another value under a name."""
     kind, _, last = name.partition(".")
-    number = value if value.ndim else float(value)
-    if name == "mass":
-        return replace(scene, inertia=Inertia(mass=value))
-    if name == "stiffness" and isinstance(scene.potential, QuadraticPotential):
-        return replace(scene, potential=QuadraticPotential(stiffness=value))
-    if name in ("stiffness", "initial_position", "initial_velocity"):
-        if name == "stiffness":
-            return replace(scene, potential=replace(scene.potential, stiffness=value))
-        return replace(scene, **{name: value})
-    if kind in ("potential", "lagrangian"):
-        own: Any = getattr(scene, kind)
-        own = replace(own, parameters={**own.parameters, last: float(value)})
-        more = {}
-        if kind == "lagrangian":
-            at = own.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
-            more["inertia"] = Inertia(mass=at.mass)
-        return replace(scene, **{kind: own}, **more)
-    place, _, last = last.partition(".")
-    every: list[Any] = list(getattr(scene, kind))
-    one = every[int(place)]
-    if last in ("rates", "weights"):
-        masses = np.array(one.kernel.masses)
-        masses[:, int(last == "weights")] = value
-        every[int(place)] = replace(one, kernel=PronyKernel(masses=tuple(map(tuple, masses))))
-    elif hasattr(one, last):
-        every[int(place)] = replace(one, **{last: number})
-    else:
-        every[int(place)] = replace(one, kernel=replace(one.kernel, **{last: number}))
-    return replace(scene, **{kind: tuple(every)})
+    if kind not in ("potential", "lagrangian"):
+        return moved(scene, {name: value})
+    own: Any = getattr(scene, kind)
+    own = replace(own, parameters={**own.parameters, last: float(value)})
+    if kind == "potential":
+        return replace(scene, potential=own)
+    at = own.derivatives(scene.initial_position, scene.initial_velocity, 0.0)
+    return replace(scene, lagrangian=own, inertia=Inertia(mass=at.mass))
 
 
 def misses(
@@ -77,7 +54,9 @@ def misses(
 
             def moved(shift: float, name=name, index=index, at=at) -> float:
                 value = at.copy()
-                value[index] = value[index[::-1]] = at[index] + shift
+                value[index] = at[index] + shift
+                if at.ndim == 2 and not name.endswith("masses"):
+                    value[index[::-1]] = value[index]
                 return of(changed(scene, name, value))
 
             h = 2e-3 * max(abs(at[index]), 0.1)

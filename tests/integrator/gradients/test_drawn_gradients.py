@@ -1,8 +1,6 @@
 """Gradients of drawn scenes by all their numbers, against central differences with two steps."""
 
 import random
-from collections.abc import Callable
-from functools import partial
 
 import numpy as np
 import pytest
@@ -137,35 +135,29 @@ def test_without_the_past_it_would_fail(seed, monkeypatch):
     scene, method, mesh = drawn(seed)
     run = LinearisedRun(scene, method, run_steps(scene, method, mesh))
     ones, rest = np.ones_like(run.steps.position), np.zeros_like(run.steps.velocity)
-    found = run.adjoint(ones, rest).position
-    for name in ("maps_of_steps", "maps_of_equal_steps"):
-        original = getattr(linearised, name)
-        monkeypatch.setattr(linearised, name, partial(forgetful, original))
-    run = LinearisedRun(scene, method, run.steps)
-    assert np.abs(run.adjoint(ones, rest).position / found - 1.0).max() > 1e-5
+    none = np.zeros((len(run.coefficients), *rest.shape))
+    found = run.adjoint(ones, rest, none).position
+    original = LinearisedRun._maps
 
+    def forgetful(run: LinearisedRun, own: slice) -> Maps:
+        maps = original(run, own)
+        return maps._replace(intake=0.0 * maps.intake)
 
-def forgetful(original: Callable[..., Maps], *given: object) -> Maps:
-    maps = original(*given)
-    return maps._replace(intake=0.0 * maps.intake)
+    monkeypatch.setattr(LinearisedRun, "_maps", forgetful)
+    assert np.abs(run.adjoint(ones, rest, none).position / found - 1.0).max() > 1e-5
 
 
 @pytest.mark.parametrize("seed", range(8))
-@pytest.mark.parametrize(("name", "value"), [("AT_ONCE", 300), ("LARGEST_BLOCK", 1)])
-def test_blocks_and_stretches_of_any_length(seed, name, value, monkeypatch):
-    """What steers time and memory does not steer results."""
+def test_parts_of_any_length(seed, monkeypatch):
+    """What steers memory does not steer results."""
     scene, method, mesh = drawn(seed)
-    steps = run_steps(scene, method, mesh)
+    run = LinearisedRun(scene, method, run_steps(scene, method, mesh))
     rng = np.random.default_rng(seed)
-    by_position = rng.normal(size=steps.position.shape)
-    by_velocity, by_force = rng.normal(size=(2, *steps.velocity.shape))
-
-    def adjoint() -> list[np.ndarray]:
-        run = LinearisedRun(scene, method, steps)
-        found = run.adjoint(by_position, by_velocity, by_force)
-        return [found.loads, found.position, found.momentum]
-
-    expected = adjoint()
-    monkeypatch.setattr(linearised, name, value)
-    for one, other in zip(adjoint(), expected, strict=True):
+    by_position = rng.normal(size=run.steps.position.shape)
+    by_velocity = rng.normal(size=run.steps.velocity.shape)
+    by_force = rng.normal(size=(len(run.coefficients), *by_velocity.shape))
+    expected = run.adjoint(by_position, by_velocity, by_force)
+    monkeypatch.setattr(linearised, "AT_ONCE", 300)
+    found = run.adjoint(by_position, by_velocity, by_force)
+    for one, other in zip(found, expected, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())

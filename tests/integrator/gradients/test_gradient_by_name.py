@@ -92,7 +92,7 @@ def test_quantities_of_an_experiment():
         text = FRAME["quantities"][name]
         again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), {"order": 0.5})
         assert again["order"] == pytest.approx(float(found["damping.0.order"]), rel=1e-9)
-    with pytest.raises(ValueError, match=r"work_1 adds up .* here: t, x1, x2, .*, dx2"):
+    with pytest.raises(ValueError, match="work_1 adds up"):
         fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at("heat", 1.3), names)
     bouncing = {**FRAME, "impacts": {"wall": {"when": "x1 + 0.05"}}}
     (experiment,) = fvi.load(bouncing).experiments

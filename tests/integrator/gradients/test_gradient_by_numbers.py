@@ -197,18 +197,6 @@ def test_parameters_of_forces_by_name():
         assert float(found[f"forcing.{name}"]) == pytest.approx(expected, rel=1e-8)
 
 
-def test_functions_of_the_time_that_a_parameter_changes():
-    def family(c: float, k: float) -> Scene:
-        forcing = Forcing.from_functions(lambda t: c**2 * np.sin(3.0 * t))
-        return linear_oscillator(final_time=20.0, forcing=forcing, stiffness=k)
-
-    found = gradient(family, "gauss6", 100, position_at(20.0), {"c": 0.7, "k": 1.0})
-    exact = by_integral(lambda t, c: np.sin(3.0 * t) * c**2, {"c": 0.7}, 20.0)
-    assert float(found["c"]) == pytest.approx(exact["c"], rel=1e-8)
-    named = gradient(family(0.7, 1.0), "gauss6", 100, position_at(20.0), ["stiffness"])
-    assert float(found["k"]) == pytest.approx(float(named["stiffness"][0, 0]), rel=1e-9)
-
-
 def test_parameters_of_a_configuration_by_name():
     """In the force and in an expression, singular at the start; the control is another number."""
     values = {"w": 2.0, "p": -0.5}

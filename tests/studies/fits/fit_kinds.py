@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from fvi_cli.studies.fits import fitting
+from fvi_cli.studies.fits.intervals import quantile
 from fvi_cli.studies.fits.model import MotionModel
-from fvi_cli.studies.fits.profile import quantile
-from fvi_cli.studies.fits.search import distinct, least_squares_from
+from fvi_cli.studies.fits.search import least_squares_from
 from fvi_cli.studies.fits.settings import (
     Amplitude,
     DataSet,
@@ -72,7 +72,7 @@ class Kind:
 
 
 def column(name, times, values):
-    return Series(name=name, column=name, times=times, values=values, is_velocity=name == "vx")
+    return Series(name=name, column=name, times=times, values=values)
 
 
 def springpot(s):
@@ -165,9 +165,9 @@ def noise_of(kind, number):
 def fit_nearby(settings, model):
     """A fit whose search begins at the given start alone, which is faster."""
 
-    def nearby(motions, bounds, scale):
+    def nearby(motions, scale):
         motions.loosen(1e-4 * scale)
-        return distinct([least_squares_from(motions, motions.start, bounds, tolerance=1e-3)])
+        return least_squares_from(motions, motions.start, tolerance=1e-3)
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(fitting, "search", nearby)

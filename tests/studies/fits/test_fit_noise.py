@@ -15,8 +15,8 @@ from fit_kinds import (
 from oracles.least_squares import restricted_deviations, viscous_motion
 from scipy.stats import t as student
 
+from fvi_cli.studies.fits.intervals import CONFIDENCE, quantile
 from fvi_cli.studies.fits.model import Evaluation
-from fvi_cli.studies.fits.profile import CONFIDENCE, quantile
 from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, FitSettings, Series
 from fvi_cli.studies.fits.statistics import freedoms, series_freedoms
 
@@ -87,7 +87,7 @@ def test_the_length_of_an_interval_is_that_of_the_freedom_of_its_column(seed):
     vx = speed + 0.1 * draw.standard_normal(many.size)
     series = (
         Series(name="x", column="x", times=few, values=x),
-        Series(name="vx", column="vx", times=many, values=vx, is_velocity=True),
+        Series(name="vx", column="vx", times=many, values=vx),
     )
     model = FitModel(
         name="",

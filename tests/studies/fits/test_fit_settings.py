@@ -76,7 +76,7 @@ def test_a_run_that_fails_ends_a_fit_with_a_message(folder, monkeypatch):
     load(folder)
     (result,) = fvi.fit(folder / "decay.yaml")
     assert not result.is_converged
-    assert "the run fails at the best point (the run diverged)" in result.best.message
+    assert "the run diverged" in result.best.message
 
 
 def structure(folder: Path, size: int) -> fvi.LoadedConfig:
@@ -99,7 +99,7 @@ def structure(folder: Path, size: int) -> fvi.LoadedConfig:
 
 
 def test_fitted_numbers_of_large_structures_are_read_again(folder):
-    from fvi_cli.config.fits.fitted import fitted_text
+    from fvi_cli.config.fitted import fitted_text
 
     loaded = structure(folder, 460)
     (described,) = (one.problem_specification for one in loaded.experiments)

@@ -45,9 +45,7 @@ def motion(times: Any, position: float = 1.0, **changed: float) -> Any:
 
 
 def measured(values: Any, name: str = "a", **changes: float) -> DataSet:
-    series = Series(
-        name="x", column="x", component=0, is_velocity=False, times=TIMES, values=values
-    )
+    series = Series(name="x", column="x", times=TIMES, values=values)
     return DataSet(
         name=name,
         series=(series,),

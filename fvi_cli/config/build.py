@@ -1,0 +1,392 @@
+"""Experiments from their keys, with the checks of keys against each other."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from fvi_cli.config.figures import wrong_figures
+from fvi_cli.config.fit_data import fit_settings
+from fvi_cli.config.machine import wrong_sizes
+from fvi_cli.config.members import Choice, Reading, make_members, resolved_members
+from fvi_cli.config.methods import methods_of
+from fvi_cli.config.mistakes import Report
+from fvi_cli.config.models import LADDER, ExperimentKeys
+from fvi_cli.config.names import other_meanings, units_of, wrong_units
+from fvi_cli.config.observations import read_observations
+from fvi_cli.effects.matrices import is_semidefinite
+from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
+from fvi_cli.integrator.memory.damping import law_objection
+from fvi_cli.integrator.meshes.mesh import check_graded, misplaced_break_point
+from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
+from fvi_cli.scenes.keys.values import KeyPath, Wrong, plain
+from fvi_cli.scenes.kinds.kind import Kind
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
+from fvi_cli.scenes.structures.matrix_keys import MatrixFile
+from fvi_cli.studies.accuracy_settings import Accuracy
+from fvi_cli.studies.experiment import Experiment
+
+FEWEST_STAGES: Final = 2
+MOST_STAGES: Final = LARGEST_DEGREE - 2  # the second run has two more
+USUAL_STEPS: Final = 256
+"""Least number of steps where a displacement is given and no ladder."""
+FORCE_LISTS: Final = ("damping", "dampers", "joints", "internal_damping", "law")
+"""Keys of damping forces."""
+
+_logger = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Built:
+    """An experiment, and the mapping that describes it with every default filled in."""
+
+    experiment: Experiment
+    resolved: Mapping[str, Any]
+
+
+def build_experiment(
+    keys: ExperimentKeys,
+    values: Mapping[str, Any],
+    name: str,
+    report: Report,
+    context: Mapping[str, Any],
+    *,
+    base: Mapping[str, Any],
+    before: int,
+    check_members: bool = True,
+) -> Built | None:
+    """The experiment of its keys; None, with mistakes, where something is wrong.
+
+    `values` is the plain mapping that was read, with the problem of the first member in place of
+    that in the file, `base`; `context` that of the validation; `before` the number of mistakes
+    before this experiment.
+    """
+    problem = _build_problem(keys.problem, report)
+    steps, grading = _ladder(keys, problem)
+    methods = list(_methods(keys, report))
+    report.extend(_needs_ladder(values, problem))
+    report.extend(_wrong_cases(keys, [method for _, method in methods]))
+    for place, method in methods if problem is not None else ():
+        if words := _objection(problem, method):
+            report.add(words, *place)
+    every = [method for _, method in methods]
+    if problem is None:
+        report.extend(_wrong_grading(grading, steps, every, ()))
+        return None
+    report.extend(_wrong_steps(problem, every, steps, grading))
+    accuracy = _accuracy(keys, problem, every, report)
+    report.extend(_wrong_diagnostics(keys, problem))
+    observed = read_observations(keys, problem, every, report)
+    report.extend(wrong_units(keys, problem, observed))
+    template = plain(keys.problem)
+    remarks = _Remarks(report)
+    remarks.first(keys.problem)
+    reading = Reading(
+        keys=keys,
+        values=base["problem"],
+        template=template,
+        first=problem,
+        context=context,
+        check=lambda own: _wrong_member(own, problem, every, steps, grading, observed),
+        remark=remarks.member,
+        is_built=check_members,
+    )
+    is_right = keys.number and len(report) == before
+    members = make_members(reading, report) if is_right else ()
+    if not keys.number or members:
+        figures = report.under("figures")
+        figures.extend(wrong_figures(keys.figures, problem, observed, members))
+    fit = None
+    if keys.fit is not None:
+        folder, under = Path(context["folder"]), report.under("fit")
+        quantities = observed.quantities or {}
+        fit = fit_settings(keys.fit, template, problem, quantities, folder, under)
+    if len(report) > before:
+        return None
+    experiment = Experiment(
+        name=name,
+        problem=problem,
+        problem_specification=template,
+        methods=tuple(every) if accuracy is None else accuracy.methods,
+        steps=steps,
+        grading=grading,
+        norm=keys.report.norm,
+        expect=keys.expect,
+        store_every=keys.store.every,
+        claims=keys.claims,
+        figures=tuple(keys.figures),
+        diagnostics=bool(keys.store.diagnostics),
+        observations=observed,
+        stability=keys.stability,
+        members=members,
+        accuracy=accuracy,
+        fit=fit,
+        units=units_of(keys.units or {}, problem, observed),
+    )
+    report.extend(wrong_sizes(experiment))
+    if len(report) > before:
+        return None
+    # runs do not depend on measurements
+    resolved = {key: value for key, value in plain(keys).items() if key != "fit"}
+    resolved |= {"name": name, **(resolved_members(keys, members) if members else {})}
+    if accuracy is None or accuracy.stages is not None:
+        resolved["method"] = [method.keys for method in every]
+    return Built(experiment=experiment, resolved={"name": name, **resolved})
+
+
+def _build_problem(kind: Kind | None, report: Report) -> AnyProblem | None:
+    try:
+        return None if kind is None else kind.build_problem()
+    except ValueError as error:
+        report.argument(error, "problem")
+    return None
+
+
+def _ladder(keys: ExperimentKeys, problem: AnyProblem | None) -> tuple[tuple[int, ...], float]:
+    """Numbers of steps and grading; without a ladder those of a given displacement."""
+    if keys.ladder is not None:
+        return keys.ladder.numbers, keys.ladder.grading or 1.0
+    motion = problem.scene.prescribed if isinstance(problem, Problem) else None
+    if motion is None or keys.accuracy is not None:
+        return (), 1.0
+    # equally many steps between any two samples
+    parts = len(motion.break_points) + 1
+    return (parts * -(-USUAL_STEPS // parts),), 1.0
+
+
+def _methods(keys: ExperimentKeys, report: Report) -> Iterator[tuple[KeyPath, AnyMethod]]:
+    """Every method with the place of its entry."""
+    # a grading that is written, also of equal steps, is not replaced by a graded start
+    is_graded = keys.ladder is not None and keys.ladder.grading is not None
+    usual: list[Any] = ["gauss10-none"] if keys.accuracy is not None else ["gauss3"]
+    known: set[str] = set()
+    given = keys.method or usual
+    is_list = isinstance(report.value("method"), list)
+    for number, method in methods_of(given, "none" if is_graded else "graded"):
+        place: KeyPath = ("method", number) if is_list else ("method",)
+        if method.case in known:
+            report.add(f"{method.case} is given twice", *place)
+        known.add(method.case)
+        yield place, method
+
+
+def _needs_ladder(values: Mapping[str, Any], problem: AnyProblem | None) -> Iterator[Wrong]:
+    """Neither a ladder nor a tolerance, or both; a given motion needs neither."""
+    is_given = isinstance(problem, Problem) and problem.scene.prescribed is not None
+    if "ladder" in values and "accuracy" in values:
+        words = "not together with ladder: N is chosen for the tolerance"
+        yield Wrong(("accuracy",), words, of_key=True)
+    if not values.keys() & {"ladder", "accuracy"} and not is_given:
+        words = f"missing; it must be {LADDER}, or give accuracy: {{tolerance: 1e-8}} in its place"
+        yield Wrong(("ladder",), words)
+
+
+def _wrong_cases(keys: ExperimentKeys, methods: Sequence[AnyMethod]) -> Iterator[Wrong]:
+    """Expectations or claims for methods that the experiment does not have."""
+    known = [method.case for method in methods]
+    for key, cases in (("expect", keys.expect), ("claims", keys.claims)):
+        for name in cases if methods else ():
+            if any(f"{case}-".startswith(f"{name}-") for case in known):
+                continue
+            near = suggestion(name, [*known, *(case.split("-")[0] for case in known)])
+            shown = listed(known[:6]) + (", ..." if len(known) > 6 else "")
+            words = f"{excerpt(name)!r} is not a method of this experiment, nor its beginning"
+            yield Wrong((key, name), f"{words}{near} (methods here: {shown})", of_key=True)
+
+
+def _objection(problem: AnyProblem | None, method: AnyMethod) -> str:
+    """Why a method cannot solve a problem; empty if it can."""
+    if isinstance(problem, DerivativeProblem):
+        by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
+        reason = "a fractional derivative needs bdf; write bdf: 2"
+        return "" if by_bdf else f"{method.label}: {reason}"
+    if problem is None:
+        return ""
+    if reason := law_objection(problem.scene, method):
+        return reason
+    if isinstance(method, Baseline):
+        # import only for experiments with baselines, since it takes long
+        from fvi_cli.integrator.baselines import baseline_objection
+
+        return baseline_objection(problem.scene, method)
+    if method.start == "weights":
+        if problem.scene.lagrangian is not None:
+            return "start: weights need a constant mass matrix; use none"
+        # import only for experiments with weights, since it takes long
+        from fvi_cli.integrator.starting_weights import weights_objection
+
+        return weights_objection(method)
+    return ""
+
+
+def _wrong_steps(
+    problem: AnyProblem,
+    methods: Sequence[AnyMethod],
+    steps: tuple[int, ...],
+    grading: float,
+    *,
+    may_be_between: bool = True,
+) -> Iterator[Wrong]:
+    """Jumps of the forcing that do not lie on the grid of every number of steps.
+
+    Methods for any mesh add mesh points at the jumps, and only need a step between two of them.
+    """
+    ends = _break_points(problem)
+    if grading != 1.0:
+        yield from _wrong_grading(grading, steps, methods, (*ends, problem.final_time))
+        return
+    are_own_points = may_be_between and all(
+        isinstance(method, Method) and method.is_runge_kutta for method in methods
+    )
+    for index, n_steps in enumerate(steps if ends else ()):
+        if not are_own_points:
+            if words := misplaced_break_point(ends, problem.final_time, n_steps):
+                yield Wrong(("ladder", "steps", index), f"{n_steps} steps put {words}")
+        elif n_steps <= len(ends):
+            words = f"{n_steps} steps are too few for {len(ends) + 1} parts between break points"
+            yield Wrong(("ladder", "steps", index), words)
+
+
+def _break_points(problem: AnyProblem) -> tuple[float, ...]:
+    """Jumps of the forcing or of a given displacement; samples with a kink are none."""
+    scene = problem.scene
+    if scene is None or scene.prescribed is None:
+        return () if scene is None else scene.break_points
+    return tuple(t for t in scene.prescribed.displacement.break_points if t < scene.final_time)
+
+
+def _wrong_grading(
+    grading: float, steps: Sequence[int], methods: Sequence[AnyMethod], ends: Sequence[float]
+) -> Iterator[Wrong]:
+    """Methods that need equal steps, and impossible meshes between the `ends` of stretches."""
+    for method in methods if grading != 1.0 else ():
+        words = ""
+        if not isinstance(method, Method) or method.cq != "gauss":
+            words = f"{method.label} needs equal steps; leave grading out, or use rk: gauss"
+        elif method.start == "graded":
+            words = f"{method.label} makes its own mesh; leave grading out, or give start: none"
+        if words:
+            yield Wrong(("ladder", "grading"), words, of_key=True)
+            return
+    for index, n_steps in enumerate(steps if ends and grading != 1.0 else ()):
+        try:
+            check_graded((0.0, *ends), n_steps, grading)
+        except ArgumentError as error:
+            place = ("grading",) if error.key == "grading" else ("steps", index)
+            yield Wrong(("ladder", *place), error.message)
+            return
+
+
+def _accuracy(
+    keys: ExperimentKeys, problem: AnyProblem, methods: Sequence[AnyMethod], report: Report
+) -> Accuracy | None:
+    """The tolerance with its number of stages; None, maybe with mistakes, if there is none."""
+    if keys.accuracy is None:
+        return None
+    if isinstance(problem, DerivativeProblem):
+        report.add("a derivative is taken on a ladder only", "accuracy", of_key=True)
+    elif problem.scene.prescribed is not None:
+        words = "a displacement that is given has no error; give a ladder"
+        report.add(words, "accuracy", of_key=True)
+    if keys.method is None:
+        return keys.accuracy
+    first = methods[0]
+    stages = first.degree if isinstance(first, Method) and first.cq == "gauss" else 0
+    if len(methods) > 1 or not FEWEST_STAGES <= stages <= MOST_STAGES:
+        words = f"with accuracy, one method such as gauss6, of {FEWEST_STAGES} to {MOST_STAGES} "
+        words += "stages; without it they follow from the tolerance"
+        report.add(words, "method", of_key=True)
+    return keys.accuracy.with_stages(stages)
+
+
+def _wrong_diagnostics(keys: ExperimentKeys, problem: AnyProblem) -> Iterator[Wrong]:
+    """Diagnostics where there is no motion, or many."""
+    if not keys.store.diagnostics:
+        return
+    words = ""
+    if not isinstance(problem, Problem):
+        words = f"not for kind {problem.kind}, which has no motion"
+    elif problem.scene.prescribed is not None:
+        words = f"not for kind {problem.kind}, whose motion is given"
+    elif keys.number:
+        words = "not together with sweep or designs; give each member its own experiment"
+    if words:
+        yield Wrong(("store", "diagnostics"), words)
+
+
+def _wrong_member(
+    own: AnyProblem,
+    first: AnyProblem,
+    methods: Sequence[AnyMethod],
+    steps: tuple[int, ...],
+    grading: float,
+    observed: Any,
+) -> Iterator[Wrong]:
+    """What is wrong with the problem of a member; members are stored at common times."""
+    are_shared = (
+        own.scene is None
+        or first.scene is None
+        or own.scene.break_points == first.scene.break_points
+    )
+    yield from _wrong_steps(own, methods, steps, grading, may_be_between=are_shared)
+    for method in methods:
+        if words := _objection(own, method):
+            yield Wrong(("method",), words)
+    yield from other_meanings(observed, first, own)
+
+
+class _Remarks:
+    """Remarks on negative damping factors, since a sign is easily wrong: once per experiment."""
+
+    def __init__(self, report: Report) -> None:
+        self.report, self.is_done = report, False
+
+    def first(self, kind: Kind) -> None:
+        """Remark on all factors of a problem."""
+        for path, words in negative_factors(kind):
+            self._say(("problem", *path), ("problem", *path), words)
+
+    def member(self, kind: Kind, choice: Choice) -> None:
+        """Remark on the first negative factor that a member sets."""
+        if self.is_done or not any(path.split(".")[1] in FORCE_LISTS for path in choice.places):
+            return
+        for path, words in negative_factors(kind):
+            key = ".".join(map(str, ("problem", *path)))
+            where = next((at for one, at in choice.places.items() if key.startswith(one)), None)
+            if where is not None:
+                self._say(("problem", *path), where, words)
+                return
+
+    def _say(self, path: KeyPath, where: KeyPath, words: str) -> None:
+        self.is_done = True
+        place = self.report.document.place((*self.report.prefix, *where))
+        shown = ".".join(map(str, path))
+        what = "such damping drives the motion, which grows"
+        _logger.warning("%s: %s: %s: %s", place, shown, words, what)
+
+
+def negative_factors(kind: Kind) -> Iterator[tuple[KeyPath, str]]:
+    """Damping factors that feed energy into some direction, with their key paths."""
+    for name in FORCE_LISTS:
+        given = vars(kind).get(name, [])
+        for index, term in enumerate(given if isinstance(given, list) else [given]):
+            for key in ("coefficient", "matrix"):
+                words = _explain_negative(vars(term).get(key))
+                if words:
+                    place = (name, index) if isinstance(given, list) else (name,)
+                    yield (*place, key), words
+
+
+def _explain_negative(factor: object) -> str:
+    if factor is None:
+        return ""
+    if isinstance(factor, float):
+        return f"{factor:g} is negative" if factor < 0 else ""
+    form = factor.form if isinstance(factor, MatrixFile) else np.array(factor)
+    return "" if is_semidefinite(form) else "the matrix has a negative eigenvalue"

@@ -1,1 +1,0 @@
-"""``fit``: reading of measurements and parameters, and writing of fitted configurations."""

@@ -1,0 +1,69 @@
+"""Mistakes of a configuration, at their places."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from fvi_cli.config.tree import Document, Mistake
+from fvi_cli.errors import ArgumentError, ConfigError
+from fvi_cli.scenes.keys.mistakes import inside, mistakes_of
+from fvi_cli.scenes.keys.values import KeyPath, Wrong
+
+MOST_TOLD = 100
+
+
+@dataclass
+class Report:
+    """Collects the mistakes below a key path of a document."""
+
+    document: Document
+    prefix: KeyPath = ()
+    found: list[Mistake] = field(default_factory=list)
+
+    def under(self, *path: str | int) -> Report:
+        """The same report for mistakes below another path."""
+        return Report(self.document, (*self.prefix, *path), self.found)
+
+    def value(self, *path: str | int) -> Any:
+        """What stands at a key path; None where there is nothing."""
+        found = self.document.value
+        for part in (*self.prefix, *path):
+            found = inside(found, part)
+        return found
+
+    def add(self, message: str, *path: str | int, of_key: bool = False) -> None:
+        """A mistake at a key path."""
+        self.extend([Wrong(path, message, of_key=of_key)])
+
+    def extend(self, wrong: Iterable[Wrong], addition: str = "") -> None:
+        """Mistakes, each followed by an addition."""
+        for one in wrong:
+            path, message = (*self.prefix, *one.path), one.message + addition
+            self.found.append(self.document.placed(one._replace(path=path, message=message)))
+
+    def argument(self, error: ValueError, *path: str | int, addition: str = "") -> None:
+        """The error of a function at the key path that it names."""
+        if isinstance(error, ArgumentError):
+            inner = (int(part) if part.isdecimal() else part for part in error.path)
+            one = Wrong((*path, *inner), error.message, of_key=error.at_key)
+        else:
+            one = Wrong(path, str(error))
+        self.extend([one], addition)
+
+    def validation(self, error: ValidationError, value: Any, model: type[BaseModel]) -> None:
+        """What pydantic found wrong with a value."""
+        self.extend(mistakes_of(error, value, model))
+
+    def __len__(self) -> int:
+        return len(self.found)
+
+    def error(self) -> ConfigError:
+        """An error with all mistakes, in the order of the text."""
+        lines = list(dict.fromkeys(map(str, sorted(self.found))))
+        if len(lines) > MOST_TOLD:
+            lines = [*lines[:MOST_TOLD], f"... and {len(lines) - MOST_TOLD} more"]
+        return ConfigError(*lines)

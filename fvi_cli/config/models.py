@@ -1,0 +1,461 @@
+"""Keys of an experiment, and of a file that holds several."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction as ExactFraction
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from fvi_cli.config.methods import Methods
+from fvi_cli.integrator.observe.request import Direction
+from fvi_cli.scenes.keys.values import (
+    BY_FORM,
+    ONE_OR_MANY,
+    WORD,
+    Formula,
+    Increasing,
+    Keys,
+    NotNegative,
+    Positive,
+    Range,
+    Wrong,
+    from_key,
+    key,
+)
+from fvi_cli.scenes.records.samples import DECIMAL, Decimal
+from fvi_cli.scenes.registry import AnyKind
+from fvi_cli.studies.accuracy_settings import Accuracy
+from fvi_cli.studies.experiment import FigureKind
+from fvi_cli.studies.figure_settings import EXAMPLE as FIGURE_EXAMPLE
+from fvi_cli.studies.figure_settings import FigureSettings
+from fvi_cli.studies.norms import Norm
+from fvi_cli.studies.stability_settings import StabilitySettings
+
+MOST_STEPS: Final = 2**30
+MOST_TIMES: Final = 10_000_000
+MOST_MEMBERS: Final = 100_000
+MOST_SWEPT: Final = 20
+LONGEST_NAME: Final = 60
+LADDER: Final = "{steps: [16, 32, 64]} or {from: 4, to: 6, base: 2}"
+
+FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
+"""A name that can be part of a file name."""
+Steps = Annotated[int, Field(ge=1, le=MOST_STEPS)]
+Word = Annotated[str, Field(pattern=WORD)]
+SweptKey = Annotated[str, Field(pattern=r"^problem\.")]
+
+
+class Ladder(Keys):
+    """Numbers of steps: a list, or the powers of a base."""
+
+    steps: Annotated[Increasing[Steps], Field(max_length=100), ONE_OR_MANY] | None = key(
+        "Numbers N of steps, increasing; the step size is final_time / N.", None
+    )
+    from_: Annotated[int, Field(ge=0, le=30)] | None = from_key(
+        "In place of steps: the first exponent k of N = base**k.", None
+    )
+    to: Annotated[int, Field(ge=0, le=30)] | None = key("The last exponent.", None)
+    base: Annotated[int, Field(ge=2, le=MOST_STEPS)] | None = key("The base; default: 2.", None)
+    grading: Annotated[float, Field(ge=1)] | None = key(
+        "r of the mesh a + (b - a) (k/N)**r on every stretch [a, b] between break points, at most "
+        "20; rk: gauss with start: none only. Default: 1, equal steps.",
+        None,
+    )
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """Both forms, half a form, or too many steps."""
+        powers = {"from": self.from_, "to": self.to, "base": self.base}
+        if self.steps is not None:
+            for name, value in powers.items():
+                if value is not None:
+                    yield Wrong((name,), "not together with steps", of_key=True)
+        elif self.from_ is None or self.to is None:
+            missing = "from" if self.from_ is None else "to"
+            yield Wrong((), f"{missing} is missing; it must be {LADDER}")
+        elif self.to < self.from_:
+            yield Wrong(("to",), f"{self.to} is less than from = {self.from_}")
+        elif (base := self.base or 2) ** self.to > MOST_STEPS:
+            words = f"{base}**{self.to} steps are too many; at most {MOST_STEPS} are allowed"
+            yield Wrong(("to",), words)
+
+    @property
+    def numbers(self) -> tuple[int, ...]:
+        """The numbers of steps."""
+        if self.from_ is not None and self.to is not None:
+            return tuple((self.base or 2) ** k for k in range(self.from_, self.to + 1))
+        return tuple(self.steps or ())
+
+
+class Report(Keys):
+    """How errors are measured."""
+
+    norm: Norm = key(
+        "Norm of the error: max (over components and grid points), final (at final_time) or l2 "
+        "(weighted by the step size).",
+        "max",
+    )
+
+
+class Store(Keys):
+    """The points and diagnostics that files keep."""
+
+    every: Steps = key("Keep every n-th grid point in files.", 1)
+    diagnostics: list[Literal["energy-balance"]] | None = key(
+        "What is stored in addition to the motion: energy-balance (dissipated work, work of the "
+        "forcing, defect of the balance). Default: nothing.",
+        None,
+    )
+
+
+class Output(Keys):
+    """Times at which a run is stored, whatever its steps."""
+
+    step: Positive | None = key("The times 0, step, twice step and so on.", None, unit="time")
+    times: Annotated[Increasing[NotNegative], Field(max_length=MOST_TIMES)] | None = key(
+        "The times themselves, increasing.", None, unit="time"
+    )
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """Both forms, or none."""
+        if (self.step is None) == (self.times is None):
+            yield Wrong((), "one of step and times is needed: {step: 0.01} or {times: [0, 0.5]}")
+
+    def instants(self, final_time: float) -> NDArray[np.float64] | Wrong:
+        """The times of a run up to T, or what is wrong with them."""
+        for number, time in enumerate(self.times or ()):
+            if time > final_time:
+                words = f"{time:g} is after final_time = {final_time:g}"
+                return Wrong(("times", number), words)
+        if self.step is None:
+            return np.array(self.times, dtype=float)
+        count = final_time / self.step * (1 + 1e-12) + 1
+        if count >= MOST_TIMES + 1:
+            words = f"{count:.7g} times are too many; at most {MOST_TIMES} are allowed"
+            return Wrong(("step",), words)
+        if count < 2:
+            words = f"{self.step:g} is longer than final_time = {final_time:g}"
+            return Wrong(("step",), words)
+        # exact multiples of the decimal number as written, each rounded once
+        step = ExactFraction(repr(self.step))
+        above, below = step.numerator, step.denominator
+        return np.minimum([k * above / below for k in range(int(count))], final_time)
+
+
+class EventKeys(Keys):
+    """Times at which an expression changes its sign."""
+
+    when: Formula = key("Expression as under quantities; the event is its change of sign.")
+    direction: Direction = key("rising: from below to above 0; falling; or any.", "any")
+    stop: bool = key("End the run at the first of them.", False)
+
+
+class ImpactKeys(Keys):
+    """A surface on which the motion bounces."""
+
+    when: Formula = key(
+        "Expression in coordinates, t and parameters: the motion stays where it is positive, and "
+        "bounces at its falling roots."
+    )
+    restitution: Annotated[float, Field(ge=0, le=1)] = key(
+        "The velocity along the normal is reversed and multiplied by it, 0 to 1.", 1.0
+    )
+
+
+class Parts(Keys):
+    """Columns of the parts of an amplitude."""
+
+    magnitude: str | None = key("Column of the magnitude.", None)
+    phase: str | None = key("Column of the phase, in degrees.", None)
+    real: str | None = key("Column of the real part.", None)
+    imaginary: str | None = key("Column of the imaginary part.", None)
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """No column."""
+        if all(column is None for _, column in self):
+            yield Wrong((), "no column; name that of magnitude, phase, real or imaginary")
+
+
+class Data(Keys):
+    """A measured motion, or a steady response."""
+
+    file: str = key("CSV file, from the configuration's folder.")
+    time: str | None = key("Column of the times; default: t.", None)
+    frequency: str | None = key(
+        "Column of frequencies, oscillations per unit of time, in place of time: the data are a "
+        "steady response to harmonic forces.",
+        None,
+    )
+    force: Annotated[list[str], Field(min_length=1), ONE_OR_MANY] | None = key(
+        "Where the harmonic force of a response acts, as for fvi response.", None
+    )
+    columns: Annotated[dict[str, Annotated[str | Parts, BY_FORM]], Field(min_length=1)] = key(
+        "What was measured, each with its column: coordinates (x, or x1, x2, ...), v and the "
+        "name of one for its velocity, a for its acceleration, names under quantities, or "
+        "expressions in these. Of a response: coordinates, their combinations, v or a and the "
+        "name of one, with the column of the magnitude or {magnitude: ..., phase: ...} "
+        "(degrees) or {real: ..., imaginary: ...}."
+    )
+    decimal: Decimal = DECIMAL
+    name: str | None = key("Of the motion; default: the name of the file.", None)
+    set: dict[SweptKey, float] = key("Numbers of the problem that differ in this motion.", {})
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """Keys of a motion and of a response together."""
+        if self.frequency is not None and self.time is not None:
+            words = "not together with frequency: the data are a motion or a response"
+            yield Wrong(("time",), words, of_key=True)
+        if self.frequency is None and self.force is not None:
+            words = "only for responses; write frequency: and its column in place of time"
+            yield Wrong(("force",), words, of_key=True)
+        for name, column in self.columns.items() if self.frequency is None else ():
+            if not isinstance(column, str):
+                words = "parts are those of a response; name one column"
+                yield Wrong(("columns", name), words)
+
+
+class ParameterKeys(Keys):
+    """A number of the problem that is fitted."""
+
+    start: float | None = key("Where the search begins; default: the value in the problem.", None)
+    from_: float | None = from_key("Lower bound; with from: 0 the logarithm is fitted.", None)
+    to: float | None = key("Upper bound.", None)
+
+
+class ModelKeys(Keys):
+    """A description of the problem that is fitted to the same data."""
+
+    set: dict[SweptKey, Any] = key("What is different from the problem of the experiment.", {})
+    parameters: dict[SweptKey, ParameterKeys] | None = key(
+        "What is fitted; default: those of the fit that are not set.", None
+    )
+
+
+class FitKeys(Keys):
+    """Parameters, models and measurements of a fit."""
+
+    data: Annotated[list[Data], Field(min_length=1, max_length=100), ONE_OR_MANY] = key(
+        "Measured motions, one or several."
+    )
+    parameters: Annotated[dict[SweptKey, ParameterKeys], Field(min_length=1)] = key(
+        "Numbers of the problem that are fitted, by key path: "
+        "{problem.damping.0.order: {start: 0.5, from: 0.05, to: 1.95}}."
+    )
+    noise: Annotated[Literal["auto"] | Positive, BY_FORM] = key(
+        "Standard deviation of the noise: auto (estimated from the residuals), or a number.", "auto"
+    )
+    models: Annotated[dict[str, ModelKeys], Field(min_length=1)] | None = key(
+        "Several descriptions that are fitted to the same data and compared; default: the one of "
+        "the problem.",
+        None,
+    )
+
+
+Changes = dict[SweptKey, Any]
+
+
+class MemberKeys(Keys):
+    """What makes members."""
+
+    designs: Annotated[dict[str, Changes | None], Field(min_length=1)] | None = key(
+        "Members by name, each with what it changes of the problem (null: the key is left out): "
+        "one table and one figure compare them. With sweep: every design with every value.",
+        None,
+    )
+    sweep: (
+        Annotated[
+            dict[SweptKey, Annotated[Range | list[Any], BY_FORM]] | list[Changes],
+            BY_FORM,
+            Field(min_length=1),
+        ]
+        | None
+    ) = key(
+        "Members: every combination of values of some keys of the problem, or a list of mappings "
+        "with the values of each member. They are computed together.",
+        None,
+    )
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """Keys that members share, that lie inside each other, and what is given twice."""
+        yield from self._designs()
+        rows = self.sweep if isinstance(self.sweep, list) else []
+        for number, row in enumerate(rows):
+            if row.keys() != rows[0].keys() or not row:
+                words = f"every member must have the same keys: {', '.join(rows[0])}"
+                yield Wrong(("sweep", number), words)
+        for number in _repeated(rows):
+            yield Wrong(("sweep", number), "these values are given twice")
+        yield from _swept(rows[0] if rows else self.swept, ("sweep", 0)[: 1 + bool(rows)])
+        for path, given in self.swept.items():
+            for number in _repeated(given) if isinstance(given, list) else ():
+                yield Wrong(("sweep", path, number), "is given twice")
+            if given == []:
+                yield Wrong(("sweep", path), "empty; give at least one entry")
+            if other := next((one for one in self.changed if _meet(one, path)), None):
+                words = f"designs change {other}; sweep other keys"
+                yield Wrong(("sweep", path), words, of_key=True)
+        if self.number > MOST_MEMBERS:
+            words = f"{self.number} members are too many; at most {MOST_MEMBERS} are allowed"
+            yield Wrong(("sweep",), words)
+
+    def _designs(self) -> Iterator[Wrong]:
+        known: dict[str, str] = {}
+        for name, changes in (self.designs or {}).items():
+            other = known.setdefault(name.casefold(), name)
+            if other != name:
+                words = f"{name!r} differs from another name in capital letters only"
+                yield Wrong(("designs", name), words, of_key=True)
+            if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
+                words = f"not a name; write a word of at most {LONGEST_NAME} characters, as bare"
+                yield Wrong(("designs", name), words, of_key=True)
+            yield from _swept(changes or {}, ("designs", name))
+        if self.designs and not self.changed:
+            words = "a change is missing, such as {bare: {problem.damping: []}}"
+            yield Wrong(("designs",), words)
+
+    @property
+    def swept(self) -> Mapping[str, Range | list[Any]]:
+        """The values of which every combination is a member."""
+        return self.sweep if isinstance(self.sweep, dict) else {}
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """The outermost keys that designs change."""
+        every = [path for one in (self.designs or {}).values() for path in one or ()]
+        paths = dict.fromkeys(every)
+        return tuple(p for p in paths if not any(p.startswith(f"{one}.") for one in paths))
+
+    @property
+    def number(self) -> int:
+        """How many members there are; 0 without designs and sweep."""
+        lengths = (v.number if isinstance(v, Range) else len(v) for v in self.swept.values())
+        rows = len(self.sweep) if isinstance(self.sweep, list) else math.prod(lengths)
+        return rows * (len(self.designs) if self.designs else self.sweep is not None)
+
+
+def _meet(one: str, other: str) -> bool:
+    """Whether two keys are equal, or one lies inside the other."""
+    return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
+
+
+def _repeated(values: Sequence[Any]) -> Iterator[int]:
+    """The numbers of values that stand in a list before."""
+    seen: set[str] = set()
+    for number, value in enumerate(values):
+        # 1 and 1.0 are the same
+        text = repr(json.loads(json.dumps(value, sort_keys=True), parse_int=float))
+        if text in seen:
+            yield number
+        seen.add(text)
+
+
+def _swept(paths: Mapping[str, Any], place: tuple[str | int, ...]) -> Iterator[Wrong]:
+    """Keys that cannot differ between members."""
+    if len(paths) > MOST_SWEPT:
+        yield Wrong(place, f"{len(paths)} keys are too many; at most {MOST_SWEPT}")
+    for path in paths:
+        parts = path.split(".")
+        inner = next((one for one in paths if one != path and path.startswith(f"{one}.")), None)
+        if path in ("problem.kind", "problem.final_time"):
+            words = "members share their kind and times; write several experiments"
+            yield Wrong((*place, path), words, of_key=True)
+        elif not all(parts) or len(parts) > 50:
+            words = "not a key of the problem, such as problem.stiffness"
+            yield Wrong((*place, path), words, of_key=True)
+        elif inner is not None:
+            yield Wrong((*place, path), f"lies inside of {inner}", of_key=True)
+
+
+class ExperimentKeys(MemberKeys):
+    """An experiment."""
+
+    name: FileName | None = key(
+        "Name of the experiment; file names come from it. Default: name of this file; required in "
+        "a list of experiments.",
+        None,
+    )
+    problem: AnyKind = key("What is solved.")
+    method: Methods | None = key(
+        "One method or several; every entry is a value or a list of values, and lists are "
+        "combined. Default: {rk: gauss, degree: 3}; with accuracy Gauss methods.",
+        None,
+    )
+    ladder: Ladder | None = key("Numbers of steps; this or accuracy is required.", None)
+    accuracy: Accuracy | None = key(
+        "In place of ladder: steps are chosen for a tolerance, and a second run estimates the "
+        "error. Without method too, which else is one Gauss method, for its number of stages.",
+        None,
+    )
+    report: Report = key("How errors are measured.", Report())
+    expect: dict[str, Literal["unstable", "diverged", "failed"]] = key(
+        "Failures that are known; they do not make the exit code 1.", {}
+    )
+    claims: dict[str, float] = key(
+        "Orders that the source states, to compare with the measured ones.", {}
+    )
+    figures: list[Annotated[FigureKind | FigureSettings, BY_FORM]] = key(
+        "Figures to draw. Default: convergence for a ladder of three or more numbers of steps, "
+        "otherwise trajectory, energy, error and, where there are any, quantities; section draws "
+        "velocity against position at events, and spectrum, of a sweep over stiffness or mass, the "
+        f"largest displacement over the period. Or mappings: {FIGURE_EXAMPLE}; an event in "
+        "place of peak_... makes a bifurcation diagram, {section: turn, after: 50} draws the "
+        "section of one event, and {ensemble: [x]} mean and spread of the members.",
+        [],
+    )
+    store: Store = key("What is kept in files.", Store())
+    output: Output | None = key(
+        "Times at which a run is stored, whatever its steps: {step: 0.01} or {times: [0, 0.5, 2]}. "
+        "Default: the points of the mesh. For Runge-Kutta methods.",
+        None,
+    )
+    quantities: Annotated[dict[Word, Formula] | list[Word], BY_FORM] | None = key(
+        "Expressions in coordinates (x), their velocities (vx), accelerations (ax, from the "
+        "equation of motion) and the damping force on them (dx, minus the sum of mu D^gamma x), t, "
+        "parameters and, where the ground moves, ground_acceleration; stored with the position, "
+        "with peak and RMS. Or a list of names that need no expression: force_1 of a damper, and "
+        "drift_1, acceleration_1 (with the ground) and base_shear of a frame. For Runge-Kutta "
+        "methods.",
+        None,
+    )
+    events: dict[Word, EventKeys] | None = key(
+        "Times at which expressions change their sign, found on the motion between the mesh "
+        "points; stored with position and velocity. For Runge-Kutta methods.",
+        None,
+    )
+    impacts: dict[Word, ImpactKeys] | None = key(
+        "Surfaces on which the motion bounces. The damping remembers what was before; a motion at "
+        "rest ends the run, which says when. Stored like events. For Runge-Kutta methods and a "
+        "ladder.",
+        None,
+    )
+    units: dict[str, Annotated[str, Field(max_length=40)]] | None = key(
+        "Units on the axes of figures: of time, length, velocity, acceleration, force, momentum, "
+        "energy, of coordinates and of quantities. They are labels; no number is converted.",
+        None,
+    )
+    stability: StabilitySettings = key(
+        "What fvi stability computes for the methods and steps.", StabilitySettings()
+    )
+    fit: FitKeys | None = key(
+        "Which numbers of the problem fvi fit fits to which measurements.", None
+    )
+
+
+class WithoutProblem(ExperimentKeys):
+    """An experiment whose problem is wrong; its other keys are checked all the same."""
+
+    problem: AnyKind | None = None  # type: ignore[assignment]
+
+
+class SeveralExperiments(Keys):
+    """A file with several experiments."""
+
+    name: FileName | None = key("File names come from it. Default: name of this file.", None)
+    experiments: Annotated[list[Any], Field(min_length=1, max_length=1000)] = key(
+        "Experiments, each with its name."
+    )

@@ -1,0 +1,114 @@
+"""Changes of a configuration by ``--set key.path=value``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any, Final
+
+from fvi_cli.config.tree import (
+    DEEPEST_NESTING,
+    Document,
+    Mistake,
+    MistakesError,
+    Place,
+    read_document,
+)
+from fvi_cli.errors import excerpt
+from fvi_cli.scenes.keys.mistakes import inside
+from fvi_cli.scenes.keys.values import KeyPath
+from fvi_cli.studies.members import replaced
+
+OPTION: Final = Place("--set")
+_DISPLACED: Final[Mapping[KeyPath, tuple[str, ...]]] = {
+    ("accuracy",): ("ladder",),
+    ("ladder",): ("accuracy",),
+    ("ladder", "steps"): ("from", "to", "base"),
+}
+"""By key of an experiment the keys next to it that exclude it; an override removes these."""
+_ENTRIES: Final = ("start", "from", "to")
+"""Keys of a parameter of a fit."""
+
+
+def apply_overrides(document: Document, overrides: Sequence[str]) -> list[Mistake]:
+    """Apply ``key.path=value`` in their order; returns what is wrong with them.
+
+    The path consists of keys and list indices from 0, joined by dots. The value is YAML; null
+    removes the key. Mappings that the path needs and the file lacks are made.
+    """
+    mistakes: list[Mistake] = []
+    for override in overrides:
+        written, equals, text = override.partition("=")
+        parts = [part.strip() for part in written.split(".")]
+        if not equals or not all(parts) or len(parts) > DEEPEST_NESTING:
+            message = f"{excerpt(override)!r} is not allowed; it must be key.path=value"
+            mistakes.append(Mistake(OPTION, (), message))
+            continue
+        several = isinstance(document.value, dict) and "experiments" in document.value
+        if several and parts[0] not in ("experiments", "name"):
+            message = f"this file has several experiments; write experiments.0.{parts[0]}, ..."
+            mistakes.append(Mistake(OPTION, (parts[0],), message))
+            continue
+        path = key_path(parts, document.value)
+        try:
+            _apply(document, path, text)
+        except LookupError as error:
+            mistakes.append(Mistake(OPTION, path, str(error)))
+        except MistakesError as error:
+            mistakes += [Mistake(OPTION, path, one.message) for one in error.mistakes]
+    return mistakes
+
+
+def _apply(document: Document, path: KeyPath, text: str) -> None:
+    if not text.strip():
+        raise LookupError("the text is empty")
+    is_null = text.strip() in ("null", "~", "Null", "NULL")
+    new = None if is_null else read_document(text, OPTION.source).value
+    base = path[:2] if path[0] == "experiments" else ()
+    for depth in range(len(base) + 1, len(path) + 1):
+        for name in _DISPLACED.get(path[len(base) : depth], ()):
+            other = (*path[: depth - 1], name)
+            document.value = replaced(document.value, other, None)
+    outer = document.value
+    for part in path[:-1]:
+        outer = inside(outer, part)
+    is_there = not isinstance(outer, dict) or path[-1] in outer
+    document.value = replaced(document.value, path, new)
+    if is_null and not is_there:
+        # so that a key that is not known is told
+        document.value = replaced(document.value, path[:-1], {**(outer or {}), path[-1]: None})
+    document.forget(path)
+    for depth in range(1, len(path) + 1):
+        # also of mappings that were made
+        document.places.setdefault(path[:depth], OPTION)
+        document.key_places.setdefault(path[:depth], OPTION)
+
+
+def key_path(parts: Sequence[str], values: Any) -> KeyPath:
+    """The key path of some values that texts between dots mean.
+
+    Keys may hold dots themselves: what is there is found, and what is new below ``sweep``,
+    ``designs`` and in a fit begins with ``problem``.
+    """
+    path: list[str | int] = []
+    left = list(parts)
+    while left:
+        first, length = left[0], 1
+        if isinstance(values, dict):
+            joined = (n for n in range(len(left), 0, -1) if ".".join(left[:n]) in values)
+            length = next(joined, 0) or _new_length(path, left)
+            part: str | int = ".".join(left[:length])
+        else:
+            is_new = values is None or not first.isdecimal()
+            length = _new_length(path, left) if is_new else 1
+            part = ".".join(left[:length]) if is_new else int(first)
+        path.append(part)
+        values, left = inside(values, part), left[length:]
+    return tuple(path)
+
+
+def _new_length(path: Sequence[str | int], left: Sequence[str]) -> int:
+    """How many parts are the next key, which is not there yet."""
+    is_swept = left[0] == "problem" and len(path) > (2 if path[:1] == ["experiments"] else 0)
+    if not is_swept:
+        return 1
+    return len(left) - (path[-1] == "parameters" and left[-1] in _ENTRIES)

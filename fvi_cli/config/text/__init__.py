@@ -1,1 +1,0 @@
-"""From YAML text and its overrides to a tree of nodes."""

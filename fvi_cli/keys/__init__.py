@@ -1,1 +1,0 @@
-"""Floor 2: shapes of values under keys: declared once, then read, checked and described."""

@@ -1,0 +1,1 @@
+"""Keys of configurations as pydantic models, and the words for what is wrong with values."""

@@ -1,0 +1,359 @@
+"""Mappings of configurations as models, types of single values, and unions.
+
+A plain union of pydantic tries all its branches and reports the mistakes of each. :class:`ByForm`
+and :class:`ByWord` choose one branch from the value, so that every mistake is told once.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import re
+from collections.abc import Iterator, Mapping
+from types import UnionType
+from typing import (
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    Self,
+    TypeVar,
+    Union,
+    get_args,
+    get_origin,
+)
+
+import numpy as np
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    PlainValidator,
+    model_validator,
+)
+from pydantic_core import PydanticCustomError, core_schema
+
+from fvi_cli.errors import suggestion
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
+from fvi_cli.mathematics.expressions import CONSTANTS, FUNCTION_NAMES, Expression
+
+T = TypeVar("T")
+KeyPath = tuple[str | int, ...]
+WORD = r"^[A-Za-z]\w*$"
+
+
+class Wrong(NamedTuple):
+    """A mistake in a value: where below it, and what."""
+
+    path: KeyPath
+    message: str
+    column: int | None = None  # where in a text, from 1
+    of_key: bool = False  # the key should not be there; its place is meant, not that of its value
+
+
+def refused(*found: Wrong) -> PydanticCustomError:
+    """An error to raise in validators, with all mistakes."""
+    return PydanticCustomError("wrong", "{message}", {"message": found[0].message, "found": found})
+
+
+class Keys(BaseModel):
+    """A mapping with known keys; numbers are finite, and no value is converted to another type."""
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, defer_build=True, allow_inf_nan=False
+    )
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """What is wrong between keys that are all right by themselves."""
+        return iter(())
+
+    @model_validator(mode="after")
+    def _check(self) -> Self:
+        if found := list(self.mistakes()):
+            raise refused(*found)
+        return self
+
+
+def plain(model: BaseModel) -> dict[str, Any]:
+    """The JSON values of a model with its defaults; what is None is left out."""
+    return model.model_dump(by_alias=True, exclude_none=True)
+
+
+def key(description: str, default: Any = ..., *, unit: str = "", **limits: Any) -> Any:
+    """A key of a mapping.
+
+    Parameters
+    ----------
+    description
+        What it means, for the page of keys and for editors.
+    default
+        Its value where it is not given; a key without one is required.
+    unit
+        The unit of the value, in words.
+    **limits
+        Of pydantic's ``Field``, such as ``gt=0``.
+    """
+    extra: Any = {"unit": unit} if unit else None
+    return Field(default, description=description, json_schema_extra=extra, **limits)
+
+
+def from_key(description: str, default: Any = ...) -> Any:
+    """The key ``from``, which is no name in Python."""
+    return Field(default, description=description, alias="from")
+
+
+def key_of(name: str, field: Any) -> str:
+    """The key of a field."""
+    return field.alias or name
+
+
+def known_keys(model: Any) -> list[str]:
+    """The keys of a model; none of anything else."""
+    fields = getattr(model, "model_fields", {})
+    return [key_of(name, field) for name, field in fields.items()]
+
+
+class ByForm:
+    """Chooses a branch of a union by the form of the value: one value, a list or a mapping.
+
+    Among several models of mappings, the one that shares most keys with the value is chosen.
+    """
+
+    key_name = ""
+
+    def marks(self, branches: tuple[Any, ...]) -> list[Any]:
+        """What distinguishes the branches: their forms."""
+        return [form_of(one) for one in branches]
+
+    def choose(self, branches: tuple[Any, ...], value: Any, marks: list[Any] | None = None) -> int:
+        """The number of the branch; -1 if no branch has this form."""
+        forms = self.marks(branches) if marks is None else marks
+        form = type(value) if type(value) in (list, dict, str) else None
+        form = None if form is str and str not in forms else form
+        if form is dict and forms.count(dict) > 1:
+            fitting = [n for n, one in enumerate(forms) if one is dict]
+            shared = [len(set(known_keys(branches[n])) & value.keys()) for n in fitting]
+            return fitting[shared.index(max(shared))] if any(shared) else -1
+        return forms.index(form) if form in forms else -1
+
+    def words(self, branches: tuple[Any, ...]) -> str:
+        """What is allowed, in words."""
+        return " or ".join(dict.fromkeys(map(in_words, branches)))
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        """A tagged union whose tags are the numbers of the branches."""
+        branches = get_args(source)
+        marks, models = self.marks(branches), list(map(_models, branches))
+
+        def tag(value: Any) -> str | None:
+            # values that are written are models, those that are read are not
+            if isinstance(value, BaseModel):
+                number = next(n for n, one in enumerate(models) if type(value) in one)
+            else:
+                number = self.choose(branches, value, marks)
+            return None if number < 0 else f"<{number}>"
+
+        return core_schema.tagged_union_schema(
+            {f"<{n}>": handler.generate_schema(one) for n, one in enumerate(branches)},
+            discriminator=tag,
+            custom_error_type="form",
+            custom_error_message="{expected}",
+            custom_error_context={"expected": self.words(branches), "key": self.key_name},
+        )
+
+
+def _models(branch: Any) -> frozenset[Any]:
+    """The models of a branch, which may be a union itself."""
+    if get_origin(branch) in (Annotated, Union, UnionType):
+        return frozenset[Any]().union(*map(_models, get_args(branch)))
+    return frozenset([branch]) if isinstance(branch, type) else frozenset()
+
+
+class ByWord(ByForm):
+    """Chooses a branch, a model, by the word under a key."""
+
+    def __init__(self, key_name: str, *, usual: str = "") -> None:
+        self.key_name, self.usual = key_name, usual
+
+    def marks(self, branches: tuple[Any, ...]) -> list[Any]:
+        """What distinguishes the branches: their words."""
+        return [word_of(one, self.key_name) for one in branches]
+
+    def choose(self, branches: tuple[Any, ...], value: Any, marks: list[Any] | None = None) -> int:
+        """The number of the branch with the given word; -1 if there is none."""
+        known = self.marks(branches) if marks is None else marks
+        word = value.get(self.key_name, self.usual) if isinstance(value, Mapping) else None
+        return known.index(word) if word in known else -1
+
+    def words(self, branches: tuple[Any, ...]) -> str:
+        """The known words."""
+        return ", ".join(self.marks(branches))
+
+
+def word_of(model: type[BaseModel], key_name: str) -> str:
+    """The word that a key of a model must be."""
+    return str(get_args(model.model_fields[key_name].annotation)[0])
+
+
+def form_of(branch: Any) -> type | None:
+    """``list``, ``dict`` or, of words, ``str``; None of numbers and formulas."""
+    if branch == Formula:
+        return None
+    while get_origin(branch) is Annotated:
+        branch = get_args(branch)[0]
+    if get_origin(branch) in (Union, UnionType):
+        return form_of(get_args(branch)[0])
+    if isinstance(branch, type) and issubclass(branch, BaseModel):
+        return dict
+    origin = get_origin(branch)
+    if origin is Literal or branch is str:
+        return str
+    return origin if origin in (list, dict) else None
+
+
+def in_words(branch: Any) -> str:
+    """A branch of a union in words that continue *it must be*."""
+    form = form_of(branch)
+    if form is dict:
+        return f"a mapping with {', '.join(known_keys(branch)) or 'names'}"
+    if get_origin(branch) is Literal:
+        return " or ".join(get_args(branch))
+    number = "a number or an expression" if branch == Formula else "a number"
+    return "a list" if form is list else "a text" if form is str else number
+
+
+class OneOrMany:
+    """Marks a list that may be written as its single entry."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        """The schema of the list, before which a single entry becomes one."""
+        several = handler(source)
+        entry = handler.generate_schema(get_args(source)[0])
+        return core_schema.no_info_before_validator_function(
+            lambda value: value if isinstance(value, list) else [value],
+            several,
+            json_schema_input_schema=core_schema.union_schema([entry, several]),
+        )
+
+
+BY_FORM, ONE_OR_MANY = ByForm(), OneOrMany()
+
+_NAMES = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?!\w*\s*\()")
+
+
+def number_text(value: float) -> str:
+    """The shortest text of a number: ``8`` of 8 and of 8.0."""
+    is_whole = math.isfinite(value) and abs(value) < 1e15 and value == int(value)
+    return str(int(value)) if is_whole else repr(float(value))
+
+
+def _formula(value: Any) -> str:
+    """The text of a formula, or of a number; which names it may hold is checked elsewhere."""
+    if type(value) in (int, float) and math.isfinite(value):
+        return number_text(value)
+    if not isinstance(value, str):
+        raise refused(Wrong((), "it must be a finite number or an expression"))
+    if wrong := _syntax(value):
+        raise refused(wrong)
+    return value
+
+
+@functools.lru_cache(maxsize=1024)
+def _syntax(text: str) -> Wrong | None:
+    try:
+        Expression.parse(text, tuple(sorted(names_in(text))))
+    except ExpressionError as error:
+        return Wrong((), error.message, error.column)
+    except ValueError as error:
+        return Wrong((), str(error))
+    return None
+
+
+@functools.lru_cache(maxsize=1024)
+def names_in(formula: str) -> frozenset[str]:
+    """The names in a formula, without functions and constants."""
+    return frozenset(_NAMES.findall(formula)) - FUNCTION_NAMES - CONSTANTS.keys()
+
+
+def unknown_names(path: KeyPath, formula: str, known: Mapping[str, Any]) -> Iterator[Wrong]:
+    """Names in a formula that are not known."""
+    for name in sorted(names_in(formula) - known.keys()):
+        names = list(known)
+        listed = ", ".join(names[:12]) + ", ..." * (len(names) > 12)
+        advice = suggestion(name, (*names, *CONSTANTS, *FUNCTION_NAMES))
+        advice = advice or f"; to define it write problem.parameters: {{{name}: 1.0}}"
+        column = re.search(rf"\b{name}\b", formula)
+        message = f"unknown name {name!r} (known: {listed}){advice}"
+        yield Wrong(path, message, 1 + column.start() if column else None)
+
+
+def _rows(value: Any) -> Any:
+    if isinstance(value, list) and not any(isinstance(row, list) for row in value):
+        words = f"{len(value)} numbers where {len(value)} rows are needed"
+        hint = "for a diagonal matrix write [[m1, 0], [0, m2]]"
+        raise refused(Wrong((), f"{words}; {hint}" if value else "a matrix has at least one row"))
+    return value
+
+
+def _symmetric(value: list[list[float]]) -> list[list[float]]:
+    size = len(value)
+    for number, row in enumerate(value):
+        if len(row) != size:
+            message = f"{len(row)} entries in a row of a matrix of {size} rows; it must be square"
+            raise refused(Wrong((number,), message))
+    matrix = np.array(value)
+    off = np.argwhere(np.tril(~np.isclose(matrix, matrix.T, rtol=1e-9, atol=0.0)))
+    if off.size:
+        i, j = (int(n) for n in off[0])
+        message = f"{value[i][j]:g} differs from {value[j][i]:g} on the other side of the diagonal"
+        raise refused(Wrong((i, j), f"{message}; the matrix must be symmetric"))
+    return value
+
+
+def _increasing(value: list[Any]) -> list[Any]:
+    for number in range(1, len(value)):
+        if not value[number] > value[number - 1]:
+            message = f"{value[number]:g} is not greater than {value[number - 1]:g} before it"
+            raise refused(Wrong((number,), message))
+    return value
+
+
+Formula = Annotated[str, PlainValidator(_formula, json_schema_input_type=float | str)]
+FormulaOrMany = Annotated[Formula | list[Formula], BY_FORM]
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(gt=0, lt=1)]
+Order = Annotated[float, Field(gt=0, lt=2)]
+Count = Annotated[int, Field(ge=1, le=1000)]
+Name = Annotated[str, Field(pattern=WORD)]
+Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
+Matrix = Annotated[list[list[float]], BeforeValidator(_rows), AfterValidator(_symmetric)]
+Increasing = Annotated[list[T], Field(min_length=1), AfterValidator(_increasing)]
+
+
+class Range(Keys):
+    """Equally spaced numbers, or numbers with equal ratios."""
+
+    from_: float = from_key("The first number.")
+    to: float = key("The last number.")
+    number: int = key("How many, both ends included.", ge=2, le=100_000)
+    spacing: Literal["linear", "log"] = key("Equal distances, or equal ratios.", "linear")
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """Ends that are equal, too large, or have no logarithm."""
+        if self.from_ == self.to:
+            yield Wrong(("to",), f"{self.to:g} is the same as from")
+        elif abs(self.from_) + abs(self.to) > 1e300:
+            yield Wrong((), "numbers up to 1e300 are allowed")
+        for name, value in (("from", self.from_), ("to", self.to)):
+            if self.spacing == "log" and value <= 0:
+                message = f"{value:g} is not allowed with spacing: log; it must be greater than 0"
+                yield Wrong((name,), message)
+
+    def values(self) -> list[float]:
+        """The numbers; the first and the last are exactly ``from`` and ``to``."""
+        spaced = np.linspace if self.spacing == "linear" else np.geomspace
+        return [float(one) for one in spaced(self.from_, self.to, self.number)]

@@ -1,0 +1,250 @@
+"""Damping terms: keys of fractional derivatives and relaxation laws, and their effects."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Annotated, Any, ClassVar, Final, Literal
+
+from pydantic import Field
+
+from fvi_cli.effects.damping import Coefficient, FractionalDamping
+from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
+from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.matrices import dense
+from fvi_cli.errors import ArgumentError
+from fvi_cli.scenes.keys.values import (
+    BY_FORM,
+    ByWord,
+    Count,
+    Fraction,
+    Keys,
+    Name,
+    NotNegative,
+    Order,
+    Positive,
+    Wrong,
+    key,
+)
+from fvi_cli.scenes.structures.matrix_keys import NumberOrMatrix, matrix_of
+
+Effect = FractionalDamping | Law
+
+_MODULUS: Final = "stiffness over that of coefficient"
+_FACTOR: Final = "mass times time^(gamma-2)"
+_NAME: Final = (
+    "What quantities know the damper by: force_top, deformation_top and work_top for name: top; "
+    "without it by its number, force_1: those under damping, then those under dampers. Where it "
+    "acts in several storeys, or on several combinations, their number stands behind: force_top_3."
+)
+
+
+class Damper(Keys):
+    """A fractional damper c D^gamma, parallel to every spring or in every joint."""
+
+    order: Order = key("Order gamma of the derivative.")
+    coefficient: float = key("Factor of the derivative.", unit=_FACTOR)
+    name: Name | None = key(_NAME, None)
+
+    def value(self) -> tuple[float, float, str]:
+        """Order, coefficient and name."""
+        return self.order, self.coefficient, self.name or ""
+
+
+class _Term(Keys):
+    """Where a term acts."""
+
+    acts_on: Annotated[list[str], Field(min_length=1)] | None = key(
+        "Coordinates or linear combinations of them on which the term acts, one per row of the "
+        "coefficient; without it: every coordinate.",
+        None,
+    )
+    storey: Annotated[Count | list[Count], BY_FORM] | None = key(
+        "Under dampers of a frame, storey i between whose floor and ceiling it stands: it acts on "
+        "x_i - x_(i-1), storey 1 on x_1; or a list for equal dampers in several; without it one "
+        "stands in every storey.",
+        None,
+    )
+    name: Name | None = key(_NAME, None)
+
+    @property
+    def storeys(self) -> list[int] | None:
+        """The storeys in which it stands."""
+        return (
+            self.storey if isinstance(self.storey, list) or self.storey is None else [self.storey]
+        )
+
+    @property
+    def factor(self) -> Any:
+        """The factor of the term: a number, matrix or file."""
+        raise NotImplementedError
+
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The effects; `on` converts a factor to the coefficient for all coordinates."""
+        raise NotImplementedError
+
+
+class Springpot(_Term):
+    """A term mu D^gamma q."""
+
+    law: Literal["springpot"] = key("Which law; the default.", "springpot", exclude=True)
+    order: Order = key("Order gamma of the derivative; of bagley-torvik by default 1.5.", 1.0)
+    coefficient: NumberOrMatrix = key(
+        "Factor mu, a number, a symmetric matrix or {file: C.mtx}.", unit=_FACTOR
+    )
+
+    @property
+    def factor(self) -> Any:
+        """The factor of the term."""
+        return self.coefficient
+
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The term."""
+        return (FractionalDamping(order=self.order, coefficient=on(self.factor)),)
+
+
+class KelvinVoigt(_Term):
+    """A spring parallel to a springpot."""
+
+    law: Literal["kelvin-voigt"] = key("Which law.", "kelvin-voigt")
+    stiffness: NumberOrMatrix = key(
+        "Stiffness of the spring, a number or a symmetric matrix.", unit="mass per time^2"
+    )
+    coefficient: NumberOrMatrix = key(
+        "Factor mu of the springpot parallel to it, a number or a symmetric matrix.", unit=_FACTOR
+    )
+    order: Order = key("Order gamma of the springpot; 1 is a dashpot.", 1.0)
+
+    @property
+    def factor(self) -> Any:
+        """The factor of the term."""
+        return self.coefficient
+
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The springpot, and the spring as a law without memory."""
+        springpot = FractionalDamping(order=self.order, coefficient=on(self.factor))
+        forgetful = ColeCole(order=0.5, time=1.0)
+        spring = Law(kernel=forgetful, size=0.0, relaxed=1.0, coefficient=on(self.stiffness))
+        return springpot, spring
+
+
+class _Relaxing(_Term):
+    """A relaxation law with its factor."""
+
+    make: ClassVar[Callable[..., Law]]
+    coefficient: NumberOrMatrix | None = key(
+        "Factor of the law (without it 1), a number, a symmetric matrix or {file: Kv.mtx}.", None
+    )
+    matrix: NumberOrMatrix | None = key("The same under another name, for matrices.", None)
+
+    def mistakes(self) -> Iterator[Wrong]:
+        """Two factors."""
+        if self.matrix is not None and self.coefficient is not None:
+            yield Wrong(("matrix",), "give this or coefficient, not both", of_key=True)
+
+    @property
+    def factor(self) -> Any:
+        """The factor of the law."""
+        given = self.coefficient if self.matrix is None else self.matrix
+        return 1.0 if given is None else given
+
+    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
+        """The law."""
+        own = {name: one for name, one in self if name not in _Relaxing.model_fields}
+        del own["law"]
+        return (type(self).make(**own, coefficient=on(self.factor)),)
+
+
+class Zener(_Relaxing):
+    """The fractional Zener law."""
+
+    make = staticmethod(fractional_zener)
+    law: Literal["zener"] = key("Which law.", "zener")
+    order: Fraction = key("Order a of the law, in (0, 1).")
+    time: Positive = key("Relaxation time tau.", unit="time")
+    relaxed: NotNegative = key("Modulus G0 of slow motions.", unit=_MODULUS)
+    unrelaxed: NotNegative = key("Modulus of fast motions, at least the relaxed.", unit=_MODULUS)
+
+
+class Maxwell(_Relaxing):
+    """The fractional Maxwell law."""
+
+    make = staticmethod(fractional_maxwell)
+    law: Literal["maxwell"] = key("Which law.", "maxwell")
+    order: Fraction = key("Order a of the law, in (0, 1).")
+    time: Positive = key("Relaxation time tau.", unit="time")
+    modulus: Positive = key("Modulus G of fast motions.", unit=_MODULUS)
+
+
+class Prony(_Relaxing):
+    """A sum of exponentials."""
+
+    make = staticmethod(prony)
+    law: Literal["prony"] = key("Which law.", "prony")
+    moduli: list[Positive] = key(
+        "Moduli g_i of the springs and dashpots.", unit=_MODULUS, min_length=1, max_length=1000
+    )
+    times: list[Positive] = key(
+        "Their relaxation times tau_i.", unit="time", min_length=1, max_length=1000
+    )
+    relaxed: NotNegative = key("Modulus that remains after a long time.", 0.0, unit=_MODULUS)
+
+
+Term = Annotated[
+    Springpot | KelvinVoigt | Zener | Maxwell | Prony, ByWord("law", usual="springpot")
+]
+AnyTerm = Springpot | KelvinVoigt | Zener | Maxwell | Prony
+
+
+def build_damping(
+    terms: Sequence[AnyTerm],
+    names: tuple[str, ...],
+    *,
+    sparse: bool = False,
+    place: str = "damping",
+) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
+    """The terms and the laws under ``damping``, with sparse or dense matrices."""
+
+    def on(term: AnyTerm, factor: object) -> Coefficient:
+        if term.storey is not None:
+            message = "not a key here: between floors of a frame it stands under dampers"
+            raise ArgumentError("storey", message, at_key=True)
+        if term.acts_on is None:
+            return matrix_of(factor, len(names), sparse=sparse)
+        directions = Directions.from_text(term.acts_on, names)
+        return directions.factored(dense(matrix_of(factor, directions.count)))
+
+    return damping_effects(terms, on, place)
+
+
+def damping_effects(
+    terms: Sequence[AnyTerm], on: Callable[[AnyTerm, Any], Any], place: str, *, before: int = 0
+) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
+    """Effects of the terms in the list at `place`; `on` returns coefficients for all coordinates.
+
+    Dampers are numbered from `before` + 1 on.
+    """
+    found: list[Effect] = []
+    for index, term in enumerate(terms):
+        try:
+            made = term.effects(partial(on, term))
+            for one in made:
+                # `replace` would check its matrix again
+                own = copy.copy(one)
+                vars(own).update(name=term.name or "", number=before + index + 1)
+                found.append(own)
+        except ArgumentError as error:
+            raise error.below(f"{place}.{index}") from None
+    damping = tuple(one for one in found if isinstance(one, FractionalDamping))
+    return damping, tuple(one for one in found if not isinstance(one, FractionalDamping))
+
+
+def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:
+    """Refuse two dampers with the same name."""
+    used = [name for _, name in {(one.number, one.name) for one in every}]
+    for name in sorted({name for name in used if name}):
+        if used.count(name) > 1:
+            raise ArgumentError(place, f"two dampers have the name {name}")

@@ -1,0 +1,130 @@
+"""Samples and columns of files as keys of a configuration."""
+
+from __future__ import annotations
+
+import functools
+import math
+from pathlib import Path
+from typing import Annotated, Any, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from fvi_cli.effects.sampled import Interpolation, SampledForce
+from fvi_cli.errors import ArgumentError
+from fvi_cli.scenes.keys.values import BY_FORM, key
+from fvi_cli.scenes.records.csv_samples import (
+    NO_TEXT,
+    SPREADSHEETS,
+    SUFFIX,
+    read_at2_samples,
+    read_csv_columns,
+    read_csv_samples,
+)
+from fvi_cli.scenes.records.data_files import DataFileError, no_such_file
+from fvi_cli.scenes.records.inputs import FromFile, kept_numbers
+
+STANDARD_GRAVITY: Final = 9.80665
+"""Acceleration of free fall, in m/s^2 (CGPM 1901)."""
+
+
+Decimal = Literal[".", ","]
+DECIMAL: Final = key("What begins the decimals: a point, or a comma.", ".")
+
+
+class Samples(FromFile):
+    """Samples of a force or motion from a file."""
+
+    file: str = key(
+        "CSV file with names of columns in its first line, or a record of ground motion in AT2 "
+        "(PEER), in units of g; a relative path begins at the configuration."
+    )
+    column: str | None = key(
+        "Column of the values, in their unit divided by scale; AT2 has none.", None
+    )
+    time: str = key(
+        "Column of the times, which increase from 0 or before to final_time or later.", "t"
+    )
+    decimal: Decimal = DECIMAL
+    interpolation: Interpolation = key(
+        "Between the samples: straight lines (order 2 at most), a cubic spline (4), or previous: "
+        "the value of a sample until the next.",
+        "linear",
+    )
+    scale: Annotated[float | Literal["g"], BY_FORM] = key(
+        "Factor of the values; g: 9.80665, for a record in g and motion in metres and seconds.",
+        1.0,
+    )
+    beyond: Literal["refuse", "zero"] = key(
+        "zero: the force is zero after the last sample, where that comes before final_time.",
+        "refuse",
+    )
+
+    def read(self, path: Path, name: str) -> NDArray[Any]:
+        """Times and values, shape ``(n, 2)``."""
+        suffix = path.suffix.lower()
+        if suffix in SPREADSHEETS:
+            raise DataFileError(f"{name}: {NO_TEXT}")
+        if suffix == SUFFIX and self.column is not None:
+            raise DataFileError("not for AT2, which has one column", key="column")
+        if suffix != SUFFIX and self.column is None:
+            if not path.exists():
+                raise DataFileError(no_such_file(path, name))
+            message = "missing: the name of a column (records whose names end in .at2 need none)"
+            raise DataFileError(message, key="column")
+        if suffix == SUFFIX:
+            found = read_at2_samples(path, name)
+        else:
+            columns = (self.time, self.column or "")
+            found = read_csv_samples(path, name, *columns, decimal=self.decimal)
+        return np.column_stack([found.time, found.values])
+
+    def component(self, final_time: float) -> SampledForce:
+        """The component of a force; refuses samples that do not reach over [0, T]."""
+        time = self.numbers[:, 0]
+        slack = 1e-9 * final_time
+        ends_early = time[-1] < final_time - slack
+        if time[0] > slack or (ends_early and self.beyond != "zero"):
+            hint = ""
+            if time[0] <= slack:
+                hint = "; write beyond: zero for no force after them, or final_time: "
+                hint += f"{time[-1]:g}"
+            raise ArgumentError(
+                "file",
+                f"the samples of {self.file} reach from t = {time[0]:g} to {time[-1]:g}; they must "
+                f"reach from 0 to final_time = {final_time:g}{hint}",
+            )
+        factor = STANDARD_GRAVITY if self.scale == "g" else float(self.scale)
+        source = f"{self.column or 'acceleration'} of {self.file}"
+        return _through(str(self.digest), factor, self.interpolation, source)
+
+    def end(self, final_time: float) -> float:
+        """Time before T at which samples with ``beyond: zero`` end; infinite otherwise."""
+        last = float(self.numbers[-1, 0])
+        is_early = self.beyond == "zero" and last < final_time * (1.0 - 1e-9)
+        return last if is_early else math.inf
+
+
+@functools.lru_cache(maxsize=64)
+def _through(digest: str, factor: float, interpolation: Interpolation, source: str) -> SampledForce:
+    # cached, since thousands of members of a sweep have the same force
+    time, values = kept_numbers(digest).T
+    return SampledForce.through(time, factor * values, interpolation, source=source)
+
+
+class Column(FromFile):
+    """Positive numbers from a column of a file, one in every line."""
+
+    file: str = key("CSV file with names of columns in its first line.")
+    column: str = key("Column of the numbers.")
+    decimal: Decimal = DECIMAL
+
+    def read(self, path: Path, name: str) -> NDArray[Any]:
+        """The numbers, shape ``(n,)``."""
+        found = read_csv_columns(path, name, (self.column,), decimal=self.decimal)
+        numbers = found.table[:, 0].copy()
+        for value, line in zip(numbers.tolist(), found.lines, strict=True):
+            if not value > 0:
+                message = f"{name}:{line}: {self.column} = {value:g}; it must be above 0"
+                raise DataFileError(message)
+        return numbers
