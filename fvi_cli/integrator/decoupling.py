@@ -46,37 +46,29 @@ class Decoupling:
 
     def positions(self, values: Array) -> Array:
         """Positions ``(..., d)`` as ``(q, ..., e)``."""
-        if self.modes is None:
-            return values[None]
-        if self.modes.ndim == 1:
+        if self.modes is not None and self.modes.ndim == 1:
             return _split(values / self.modes)
-        return _split(values @ (self.mass @ self.modes))
+        return values[None] if self.modes is None else _split(values @ (self.mass @ self.modes))
 
     def forces(self, values: Array) -> Array:
         """Momenta and forces ``(..., d)`` as ``(q, ..., e)``."""
-        if self.modes is None:
-            return values[None]
-        if self.modes.ndim == 1:
+        if self.modes is not None and self.modes.ndim == 1:
             return _split(values * self.modes)
-        return _split(values @ self.modes)
+        return values[None] if self.modes is None else _split(values @ self.modes)
 
     def scene_positions(self, values: Array) -> Array:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""
-        if self.modes is None:
-            return np.asarray(values[0])
-        modal = _join(values)
-        if self.modes.ndim == 1:
-            return np.asarray(modal * self.modes)
-        return _rows(self.modes, modal)
+        if self.modes is not None and self.modes.ndim == 1:
+            return np.asarray(_join(values) * self.modes)
+        return np.asarray(values[0] if self.modes is None else _join(values) @ self.modes.T)
 
     def scene_forces(self, values: Array) -> Array:
         """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
+        if self.modes is not None and self.modes.ndim == 1:
+            return np.asarray(_join(values) / self.modes)
         if self.modes is None:
             return np.asarray(values[0])
-        modal = _join(values)
-        if self.modes.ndim == 1:
-            return np.asarray(modal / self.modes)
-        return _rows(self.mass @ self.modes, modal)
+        return np.asarray(_join(values) @ (self.mass @ self.modes).T)
 
 
 def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -> Decoupling:
@@ -124,8 +116,3 @@ def _split(values: Array) -> Array:
 def _join(values: Array) -> Array:
     """Systems as components, ``(d, ..., 1)`` to ``(..., d)``."""
     return np.ascontiguousarray(np.moveaxis(values[..., 0], 0, -1))
-
-
-def _rows(matrix: Array, values: Array) -> Array:
-    """Multiply every row by a matrix, row by row: the last digits do not depend on their number."""
-    return np.asarray(np.matmul(matrix, values[..., None])[..., 0])

@@ -14,8 +14,6 @@ from written_out import every_lag_written_out
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run import scenes_run
-from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.scenes.records.inputs import keep_numbers
 from fvi_cli.scenes.registry import build_problem
 
@@ -213,29 +211,6 @@ def test_works_are_those_of_the_exact_motion(order):
     )
 
 
-def test_only_what_is_asked_for_is_computed(monkeypatch):
-    calls = []
-
-    def count(owner, name):
-        original = getattr(owner, name)
-        monkeypatch.setattr(owner, name, lambda *a, **k: calls.append(name) or original(*a, **k))
-
-    count(scenes_run, "diagnose")
-    count(RunSteps, "__init__")
-    scene = kepler(0.05)
-    for method, made in (
-        (GAUSS2, ["__init__", "diagnose"]),
-        (POINTS, ["__init__", "diagnose"]),
-    ):
-        calls.clear()
-        assert integrate(scene, method, 64).diagnostics is None
-        assert integrate(scene, method, 64, diagnostics=False).diagnostics is None
-        assert not calls
-        found = integrate(scene, method, 64, diagnostics=True).diagnostics
-        assert calls == made
-        assert found.energy_defect is not None
-
-
 def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
     scene, asked = oscillator(0.5), True
     plain = integrate(scene, GAUSS3_GRADED, 256)
@@ -276,16 +251,6 @@ def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
     assert np.abs(by_blocks.position - by_steps.position).max() <= 1e-12
     # the sums are told apart at this size
     assert np.abs(found[:, 1:] - expected[:, :-1]).max() > 1e-6 * scale
-
-
-def test_asking_for_a_balance_does_the_same_steps():
-    for method in (GAUSS2, NODES, POINTS):
-        for scene in (oscillator(0.5), two_masses(), pendulum(), kepler(0.0)):
-            asked = integrate(scene, method, 200, diagnostics=True)
-            alone = integrate(scene, method, 200)
-            assert asked.history_operations == alone.history_operations
-            assert asked.newton.iterations == alone.newton.iterations
-            assert np.abs(asked.position - alone.position).max() <= 1e-14
 
 
 @spread(

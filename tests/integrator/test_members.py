@@ -6,7 +6,6 @@ That a member is what it is by itself, in any company, is in
 
 import math
 from dataclasses import replace
-from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,7 +15,6 @@ from written_out import every_lag_written_out
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.integrate import group, integrate, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
@@ -168,17 +166,6 @@ def test_those_that_end_early_do_not_disturb_the_others(scenes, method, n_steps)
     runs = [one for one in integrate_batch(scenes, method, n_steps) if one.status == "ok"]
     for one, other in zip(integrate_batch(calm, method, n_steps), runs, strict=True):
         assert np.abs(one.position - other.position).max() <= 1e-12
-
-
-def test_work_is_that_of_one_loop():
-    """No step is done for a member by itself, and members take the same."""
-    scenes = swings(24, 0.5)
-    with patch.object(Engine, "solve", autospec=True, side_effect=Engine.solve) as calls:
-        runs = integrate_members(scenes, GAUSS2, 100)
-    assert calls.call_count <= 100
-    assert all(call.args[0].q == 24 for call in calls.call_args_list)
-    assert len({run.history_operations for run in runs}) == 1
-    assert all(50 < run.newton.iterations < 1000 for run in runs)
 
 
 def test_wrong_numbers_are_refused():

@@ -68,18 +68,3 @@ def test_it_is_continuous_and_passes_through_the_points(cq):
         inside = slice(1, -1) if cq == "lobatto-iiic" else slice(0, 2)
         at = steps.velocity_at(steps.stage_time[:, inside])
         assert np.abs(at - steps.velocity[:, inside]).max() < 1e-11
-
-
-def test_shapes_and_the_mesh():
-    steps = steps_of("graded")
-    assert steps.n_steps == steps.step_size.size == steps.time.size - 1 == 64
-    assert steps.velocity.shape == steps.unknowns.shape == (64, 4, 1)
-    assert steps(1.0).shape == (1,)
-    assert steps([1.0, 2.0]).shape == (2, 1)
-    assert steps(np.ones((2, 3))).shape == steps.velocity_at(np.ones((2, 3))).shape == (2, 3, 1)
-    assert steps([]).shape == (0, 1)
-    # the mesh of a graded start is finer than the grid that is reported
-    method = Method(cq="gauss", degree=2, start="graded")
-    found = integrate(SCENE, method, 64, with_steps=True)
-    assert found.time.size == 65 < found.steps.time.size
-    assert np.abs(found.steps(found.time) - found.position).max() < 1e-13

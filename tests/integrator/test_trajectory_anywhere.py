@@ -14,19 +14,6 @@ def fine() -> fvi.Trajectory:
     return fvi.integrate(SCENE, "gauss8", fvi.AdaptiveSteps(tolerance=1e-10), with_steps=True)
 
 
-def test_position_and_velocity_at_any_time(fine):
-    times = np.linspace(0.0, 10.0, 777)
-    other = fvi.integrate(SCENE, "gauss6-graded", 200, with_steps=True)
-    assert fine(times).shape == (777, 1)
-    assert np.abs(fine(times) - other(times)).max() < 1e-9
-    assert np.abs(fine(fine.time) - fine.position).max() < 1e-14
-    assert fine(3.0).shape == fine.velocity(3.0).shape == (1,)
-    # the velocity is the slope of the position
-    slope = (fine(times[1:-1] + 1e-4) - fine(times[1:-1] - 1e-4)) / 2e-4
-    assert np.abs(fine.velocity(times[1:-1]) - slope).max() < 1e-6
-    assert np.abs(fine.velocity(0.0)).max() < 1e-6
-
-
 def test_a_name_with_a_mesh_means_the_method_on_its_steps(fine):
     mesh = fvi.graded_mesh(10.0, 100, 2.5)
     by_name = fvi.integrate(SCENE, "gauss4", mesh)

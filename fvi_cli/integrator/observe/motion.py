@@ -239,14 +239,24 @@ class Motion:
         return found
 
     def _general_acceleration(self, steps: Places, tau: Array, columns: Columns) -> Array:
+        """Accelerations of Lagrangians; nan where their masses or forces are not finite."""
         time, position = self.time(steps, tau), self.position(steps, tau)
-        velocity, force = self.velocity(steps, tau), self.damping(steps, tau)
-        found = np.empty_like(position)
+        velocity, found = self.velocity(steps, tau), self.damping(steps, tau)
         for member, own in self.by_member(steps):
-            scene, total = self.scenes[member], force[own]
-            if scene.forcing is not None:
-                total = total + scene.forcing(time[own])
-            found[own] = accelerations(scene, position[own], velocity[own], total, time[own])
+            scene = self.scenes[member]
+            if scene.lagrangian is None:
+                continue
+            q, v, t, right = position[own], velocity[own], time[own], found[own]
+            with np.errstate(all="ignore"):
+                mass = scene.lagrangian.derivatives(q, v, t).mass
+                right = right + scene.lagrangian.remainder(q, v, np.zeros_like(v), t)
+                if scene.forcing is not None:
+                    right = right + scene.forcing(t)
+                every = np.concatenate([mass, right[..., None]], axis=-1)
+                usable = np.asarray(np.isfinite(every).all(axis=(-2, -1)))
+                mass = np.where(usable[:, None, None], mass, np.eye(scene.dimension))
+                solved = np.linalg.solve(mass, right[..., None])[..., 0]
+            found[own] = np.where(usable[:, None], solved, np.nan)
         return found[:, columns]
 
 
@@ -268,20 +278,3 @@ def _stiff(scene: Scene, rows: Array, motion: Array) -> Array:
     """Rows times the stiffness of a linear scene, of motions."""
     force = np.zeros_like(rows) if scene.potential is None else scene.potential.gradient(rows)
     return _combined(force)(motion)
-
-
-def accelerations(
-    scene: Scene, position: Array, velocity: Array, force: Array, time: Array
-) -> Array:
-    """Accelerations of a Lagrangian under further forces, all of shape ``(n, d)``."""
-    lagrangian = scene.lagrangian
-    assert lagrangian is not None
-    with np.errstate(all="ignore"):
-        mass = lagrangian.derivatives(position, velocity, time).mass
-        rest = lagrangian.remainder(position, velocity, np.zeros_like(velocity), time)
-        right = force + rest
-        every = np.concatenate([mass, right[..., None]], axis=-1)
-        usable = np.asarray(np.isfinite(every).all(axis=(-2, -1)))
-        mass = np.where(usable[:, None, None], mass, np.eye(scene.dimension))
-        found = np.linalg.solve(mass, right[..., None])[..., 0]
-        return np.where(usable[:, None], found, np.nan)

@@ -403,3 +403,10 @@ def test_a_frictionless_wall_turns_the_normal_velocity_only():
     assert run.momentum is not None
     along = run.momentum @ [1.0, -1.0]
     assert along == pytest.approx(np.full(run.time.size, along[0]))
+
+
+@pytest.mark.parametrize("speed", [4.0, 0.5])
+def test_a_surface_that_moves_may_take_a_body_anywhere(speed):
+    scene = spring((0.5, 0.1), k=0.0, T=3.0, x=1e-9, v=0.0)
+    wall = {"when": f"x + 1 - {speed}*t", "restitution": 0.8}
+    assert fvi.integrate(scene, "gauss3", 60, impacts={"racket": wall}).status == "ok"

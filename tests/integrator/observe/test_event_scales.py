@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from spread import few_of
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observe import along
 
 Array = NDArray[np.float64]
 Function = Callable[[Array], Array]
@@ -127,16 +126,3 @@ def test_a_stroboscope_is_complete_under_a_tolerance(rate):
     found = run.observed.events["e"].time
     assert found.size == expected.size
     assert np.abs(found - expected).max() < 1e-11
-
-
-def test_a_value_that_is_zero_but_for_round_off_costs_little(monkeypatch):
-    seen = []
-    own = along.FormulaAlong.with_noise
-
-    def counted(self: along.FormulaAlong, steps: Array, tau: Array):
-        seen.append(len(tau))
-        return own(self, steps, tau)
-
-    monkeypatch.setattr(along.FormulaAlong, "with_noise", counted)
-    fvi.integrate(spring(T=20.0, m=1.0, k=1.0, x=1.0), "gauss4", 40, events={"e": "ax + x"})
-    assert sum(seen) < 40 * 64

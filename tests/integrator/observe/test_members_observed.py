@@ -8,11 +8,8 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observe import motion
-from fvi_cli.integrator.observe.along import AT_A_TIME
 from fvi_cli.integrator.observe.request import Observations, observations
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.chebyshev import evaluate_series
 from fvi_cli.scenes.data import duffing
 
 FINAL_TIME, COUNT = 6.0, 18
@@ -96,24 +93,3 @@ def test_the_same_bits_in_any_batch_and_what_it_is_individually(kind, name):
     # the control: members differ
     first, second = numbers(whole[1]), numbers(whole[2])
     assert np.abs(first["x"][:3] - second["x"][:3]).max() > 1e-3
-
-
-def test_evaluations_of_the_motion_do_not_grow_with_the_members(monkeypatch):
-    rng = np.random.default_rng(5)
-    drawn = [member("spring", rng) for _ in range(40)]
-    counts = []
-    for count in (4, 40):
-        calls = []
-
-        def counted(*arguments, calls=calls):
-            calls.append(1)
-            return evaluate_series(*arguments)
-
-        monkeypatch.setattr(motion, "evaluate_series", counted)
-        scenes, asked = [one for one, _ in drawn[:count]], [wanted(k) for _, k in drawn[:count]]
-        # all of them within one part
-        integrate_members(scenes, METHODS["gauss2"], AT_A_TIME // 40, observe=asked)
-        counts.append(len(calls))
-    few, many = counts
-    # a root among more takes more sweeps, and an event that stops a run is found for each
-    assert few <= many <= 2 * few + 4 * 40

@@ -1,5 +1,6 @@
 """A formula evaluates only the coordinates that it names."""
 
+import itertools
 import tracemalloc
 
 import numpy as np
@@ -9,6 +10,7 @@ from numpy.typing import NDArray
 import fvi_cli as fvi
 from fvi_cli.integrator.observe import motion
 from fvi_cli.mathematics.chebyshev import evaluate_series
+from fvi_cli.mathematics.expressions import Expression
 
 D, STEPS, FINAL_TIME = 60, 120, 2.0
 NEIGHBOURS = np.eye(D, k=1) + np.eye(D, k=-1)
@@ -62,6 +64,42 @@ def test_accelerations_of_a_few_coordinates_fulfil_the_equation_of_motion(mass):
     rest = found["dx2"] - 400.0 * (2.0 * x2 - x1 - x3) + scene.forcing(seen.time)[:, 1]
     # at t = 0 as well: the record begins there
     np.testing.assert_allclose(inertia, rest, rtol=0, atol=1e-12 * np.abs(rest).max())
+
+
+def test_accelerations_of_nonlinear_scenes_and_of_initial_loads_too(monkeypatch):
+    names = [f"x{k}" for k in range(1, 8)]
+    energy = " + ".join(f"({b} - {a})**4/4" for a, b in itertools.pairwise(names))
+    first = np.zeros((7, 7))
+    first[0, 0] = 2.0
+    scene = fvi.Scene(
+        inertia=fvi.Inertia(mass=np.diag(np.arange(1.0, 8.0))),
+        potential=fvi.ExpressionPotential(
+            coordinates=tuple(names),
+            energy_expression=Expression.parse(energy, variables=tuple(names)),
+        ),
+        damping=[fvi.FractionalDamping(order=0.5, coefficient=first)],
+        initial_position=np.linspace(1.0, -0.5, 7),
+        initial_velocity=np.zeros(7),
+        final_time=FINAL_TIME,
+        derivative="riemann-liouville",
+    )
+    widths = []
+
+    def counted(coefficients, *places):
+        widths.append(coefficients.shape[-1])
+        return evaluate_series(coefficients, *places)
+
+    monkeypatch.setattr(motion, "evaluate_series", counted)
+    asked = {"a": "ax7", "b": "ax1", "d": "dx1", **{name: name for name in names}}
+    run = fvi.integrate(scene, "gauss3", 60, quantities=asked)
+    found = run.observed.quantities
+    assert max(widths) == 2
+    last = -((found["x7"] - found["x6"]) ** 3)
+    assert np.abs(7.0 * found["a"] - last).max() < 1e-13
+    rest = found["d"] + (found["x2"] - found["x1"]) ** 3
+    assert np.abs(found["b"][1:] - rest[1:]).max() < 1e-12
+    # what the initial position adds is infinite at the start
+    assert found["b"][0] == -np.inf
 
 
 def test_memory_of_formulas_does_not_grow_with_the_coordinates():

@@ -13,11 +13,6 @@ def run() -> fvi.Trajectory:
     return fvi.integrate(scene, "gauss2-graded", 30, quantities={"drift": "x2 - x1"})
 
 
-def test_the_line_is_short(run):
-    assert repr(run) == "<Trajectory ok, 31 points to t = 3, 2 coordinates, 30 steps>"
-    assert repr(run.observed) == "<Observed: quantities drift; events ->"
-
-
 def test_a_data_frame_has_named_columns_and_clean_times(run):
     pytest.importorskip("pandas")
     frame = run.to_dataframe()
