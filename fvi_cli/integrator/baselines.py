@@ -1,8 +1,7 @@
 r"""Baselines: methods that users would write otherwise, on equal steps.
 
 Their damping is a sum :math:`\sum_j D_j \sum_{n=0}^{k} w_n^{(j)} (y_{k-n} - s_{k-n}^{(j)})` over
-all samples y before, computed in blocks by Fourier transforms (E. Hairer, C. Lubich, M. Schlichte,
-*SIAM J. Sci. Stat. Comput.* 6, 1985, 532-541) in :math:`O(N \log^2 N)` operations.
+all samples y before.
 """
 
 from __future__ import annotations
@@ -20,13 +19,10 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.failure import Failure, StepFailedError
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
-from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.mathematics.convergence import find_roots
 from fvi_cli.mathematics.threads import in_one_thread
-
-BLOCK = 256
-"""Samples that are summed one by one; a power of 2."""
 
 
 def baseline_objection(scene: Scene, method: Baseline) -> str:
@@ -132,10 +128,6 @@ class _Past:
 
     ``weights(order, count)`` gives the first weights w of an order; ``offset(term)`` gives s, which
     the derivative of a term subtracts from the samples, ``(N + 1, d)`` or one for all times.
-
-    A block of 2^m samples acts on the 2^m times behind it by one convolution, as soon as it is
-    complete and begins at an even multiple of its length: so every sample acts on every later
-    time once.
     """
 
     def __init__(
@@ -149,41 +141,27 @@ class _Past:
         matrices = np.array([term.matrix for term in terms]).reshape(-1, d, d)
         # from the sums of all terms, one after another, to the force
         self._to_force = matrices.swapaxes(1, 2).reshape(-1, d)
-        self._weights, self._offsets = np.empty((len(terms), n)), np.empty((len(terms), n, d))
+        self._backwards = np.empty((len(terms), 1, n))
+        self._offsets, self._samples = np.empty((2, len(terms), n, d))
         for j, term in enumerate(terms):
-            self._weights[j], self._offsets[j] = weights(term.order, n), offset(term)
-        self._backwards = np.ascontiguousarray(self._weights[:, None, ::-1])
-        self._samples, self._sums = np.zeros((2, len(terms), n, d))
-        self._spectra: dict[int, ComplexArray] = {}
+            self._backwards[j, 0] = weights(term.order, n)[::-1]
+            self._offsets[j] = offset(term)
         # D w_0, and its product with s at all times: for equations of the newest sample
-        newest = self._weights[:, :1, None] * matrices
+        newest = self._backwards[..., -1:] * matrices
         self.newest = newest.sum(axis=0)
         self.newest_offset = (self._offsets @ newest.swapaxes(1, 2)).sum(axis=0)
 
     def keep(self, k: int, sample: Array) -> None:
         """Keep the sample y of time k."""
         self._samples[:, k] = sample - self._offsets[:, k]
-        begin = k + 1
-        if begin % BLOCK or begin == self._steps.times.size:
-            return
-        length = begin & -begin
-        size = 2 * length
-        if length not in self._spectra:
-            self._spectra[length] = np.fft.rfft(self._weights[:, :size, None], size, axis=1)
-        block = np.fft.rfft(self._samples[:, begin - length : begin], size, axis=1)
-        sums = np.fft.irfft(block * self._spectra[length], size, axis=1)[:, length:]
-        later = self._sums[:, begin : begin + length]
-        later += sums[:, : later.shape[1]]
-        # two transforms
-        self._steps.operations += 2 * len(self._to_force) * size * round(math.log2(size))
 
     def force(self, k: int, newest: int) -> Array:
         """The force at time k from the samples of the times 0 to `newest`, k - 1 or k."""
-        begin, behind = k - k % BLOCK, self._steps.n_steps - k
-        weights = self._backwards[..., behind + begin : behind + newest + 1]
-        self._steps.operations += len(self._to_force) * (newest + 1 - begin)
-        near = (weights @ self._samples[:, begin : newest + 1])[:, 0]
-        return np.asarray((self._sums[:, k] + near).ravel() @ self._to_force)
+        behind = self._steps.n_steps - k
+        weights = self._backwards[..., behind : behind + newest + 1]
+        self._steps.operations += len(self._to_force) * (newest + 1)
+        sums = (weights @ self._samples[:, : newest + 1])[:, 0]
+        return np.asarray(sums.ravel() @ self._to_force)
 
 
 def _past_of_velocities(steps: _EqualSteps) -> _Past:

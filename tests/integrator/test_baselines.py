@@ -11,7 +11,7 @@ from spread import spread
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import baselines
-from fvi_cli.integrator.baselines import BLOCK, trapezoidal_weights
+from fvi_cli.integrator.baselines import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Baseline, Method
@@ -129,23 +129,11 @@ def test_gruenwald_letnikov_is_the_textbook_scheme():
     assert integrate(scene, GRUENWALD, n_steps).position[:, 0] == pytest.approx(x, abs=1e-12)
 
 
-@spread(few=4, name=SCENES, method=baselines.SCHEMES)
-def test_sums_in_blocks_are_the_sums_one_by_one(name, method, monkeypatch):
-    n = 3 * BLOCK + 17
-    in_blocks = integrate(SCENES[name], Baseline(name=method), n)
-    monkeypatch.setattr(baselines, "BLOCK", 4 * BLOCK)
-    one_by_one = integrate(SCENES[name], Baseline(name=method), n)
-    np.testing.assert_allclose(in_blocks.position, one_by_one.position, rtol=1e-12, atol=1e-12)
-    assert in_blocks.position.shape == (n + 1, SCENES[name].dimension)
-
-
 def test_the_work_of_the_sums_is_counted():
-    scene, n = SCENES["two masses"], BLOCK - 1
+    scene, n = SCENES["two masses"], 255
     assert integrate(scene, GRUENWALD, n).history_operations == 2 * n * (n + 1) // 2
     assert integrate(scene, PRODUCT, n).history_operations == 2 * n * (n + 1) // 2
     assert integrate(SCENES["no damping"], GRUENWALD, n).history_operations == 0
-    few, many = (integrate(scene, PRODUCT, n * BLOCK).history_operations for n in (8, 32))
-    assert few < many < 8 * few
 
 
 def test_newton_is_counted_where_there_is_something_to_solve():

@@ -9,6 +9,7 @@ from oracles.eigenvalues import Term, Zener, oscillating_modes, unpolished_modes
 from scipy.sparse import csr_array
 from spread import few_of
 
+import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_maxwell
@@ -226,3 +227,40 @@ def test_whole_turns_of_slower_modes_would_pass_unseen(monkeypatch):
     monkeypatch.setattr(sector, "_first_parts", lambda *_: np.linspace(0.0, 1.0, 9))
     monkeypatch.setattr(DynamicStiffness, "number_below", lambda *_: 0)
     assert any(missing_in_chain(seed) for seed in (0, 2, 6, 8, 10))
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_repeated_frequencies_with_one_damper(seed):
+    """It damps one combination of the shapes of a frequency and leaves the others undamped."""
+    rng = np.random.default_rng([12, seed])
+    size = int(rng.integers(3, 7))
+    axes = np.linalg.qr(rng.standard_normal((size, size)))[0]
+    squares = rng.choice([1.0, 4.0, 9.0], size)
+    acts = " + ".join(f"{one:.3f}*x{k}" for k, one in enumerate(rng.uniform(0.2, 2.0, size), 1))
+    order, coefficient = rng.uniform(0.2, 1.8), rng.uniform(0.05, 0.6)
+    problem = {
+        "kind": "structure",
+        "mass": np.eye(size).tolist(),
+        "stiffness": (0.5 * (axes * squares @ axes.T + (axes * squares @ axes.T).T)).tolist(),
+        "damping": [{"order": order, "coefficient": coefficient, "acts_on": [acts]}],
+        "initial": {"position": [0.0] * size},
+        "final_time": 1.0,
+    }
+    table = find_modes(fvi.build_problem(problem).scene, 50)
+    assert len(table.modes) == size
+    assert table.is_complete
+    damped = sum(mode.damping_ratio > 1e-9 for mode in table.modes)
+    assert damped == np.unique(squares).size
+
+
+def test_a_mode_that_equals_the_bound_of_all_modes():
+    problem = {
+        "kind": "structure",
+        "mass": np.eye(2).tolist(),
+        "stiffness": [[187.5, -87.5], [-87.5, 187.5]],
+        "initial": {"position": [0.0, 0.0]},
+        "final_time": 1.0,
+    }
+    table = find_modes(fvi.build_problem(problem).scene, 10)
+    expected = [10.0, np.sqrt(275.0)]
+    assert [one.frequency.imag for one in table.modes] == pytest.approx(expected, rel=1e-13)

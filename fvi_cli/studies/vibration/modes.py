@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from fvi_cli.effects.matrices import as_csc, dense
 from fvi_cli.effects.scene import Scene
-from fvi_cli.mathematics.arrays import ComplexArray
+from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
@@ -178,12 +178,15 @@ def _functional(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -
     return s
 
 
-def _is_same(mode: Mode, other: Mode) -> bool:
-    """Whether two modes are the same one: equal frequencies may have several shapes."""
-    if abs(other.frequency - mode.frequency) > SAME * abs(mode.frequency):
+def _is_known(mode: Mode, found: Iterable[Mode]) -> bool:
+    """Whether a shape is one of those of its frequency, or a combination of them."""
+    near = SAME * abs(mode.frequency)
+    shapes = [one.shape for one in found if abs(one.frequency - mode.frequency) <= near]
+    if not shapes:
         return False
-    sizes = np.linalg.norm(other.shape) * np.linalg.norm(mode.shape)
-    return bool(abs(np.vdot(other.shape, mode.shape)) / sizes > 1.0 - SAME)
+    basis = np.linalg.qr(np.transpose(shapes))[0]
+    left = mode.shape - basis @ (basis.conj().T @ mode.shape)
+    return bool(np.linalg.norm(left) <= math.sqrt(SAME) * np.linalg.norm(mode.shape))
 
 
 @dataclass(kw_only=True, eq=False)
@@ -199,7 +202,7 @@ class _Search:
         """Refine pairs of a frequency and a shape, and keep the modes that are new."""
         for s, vector in starts:
             mode = refine(self.stiffness, s, vector)
-            if mode is not None and not any(_is_same(mode, other) for other in self.found):
+            if mode is not None and not _is_known(mode, self.found):
                 self.found.append(mode)
 
     def undamped(self, rate: float, wanted: int) -> list[tuple[complex, ComplexArray]]:
@@ -226,6 +229,7 @@ class _Search:
                 v0=np.random.default_rng(5).standard_normal(d),
             )
         rates = np.sqrt(np.maximum(values, 0.0))
+        self.turn(rates, vectors)
         order = np.argsort(np.abs(rates - self.centre), kind="stable")[:wanted]
         largest = float(rates.max(initial=0.0))
         return [
@@ -233,6 +237,17 @@ class _Search:
             for index in order
             if rates[index] > 1e-6 * largest
         ]
+
+    def turn(self, rates: Array, vectors: Array) -> None:
+        """Turn the shapes of every repeated frequency to those that the damping tells apart."""
+        ends = np.flatnonzero(np.diff(rates) > SAME * rates[1:]) + 1
+        for own in np.split(np.arange(rates.size), ends):
+            if own.size > 1 and rates[own[0]] > 0:
+                damping = self.stiffness.symbols(1j * float(rates[own].mean()))
+                damping[0] = 0.0
+                matrix: Any = self.stiffness.combined(damping.imag.astype(complex))
+                inner = vectors[:, own].T @ (matrix @ vectors[:, own])
+                vectors[:, own] = vectors[:, own] @ np.linalg.eigh(inner.real)[1]
 
     def stiffened(self) -> list[tuple[complex, ComplexArray]]:
         """Undamped modes with the dynamic stiffness at frequencies of known modes."""

@@ -40,6 +40,7 @@ _SEARCHED = 100.0
 """Powers of e around the geometric mean of the frequencies within which bounds are searched."""
 _STEP = 0.5
 _BELOW = 7.0
+_MARGIN = 0.1
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -138,8 +139,9 @@ def region_of_all_modes(
     largest = logs[-1] if above is None else above
     least = terms.slowest(largest) if below is None else below
     sector = Sector(
-        least=math.exp(min(least, largest - _STEP)),
-        largest=math.exp(largest),
+        # the bounds may be modes themselves
+        least=math.exp(min(least, largest - _STEP) - _MARGIN),
+        largest=math.exp(largest + _MARGIN),
         first=first_angle(stiffness, largest_ratio),
         last=last,
     )
