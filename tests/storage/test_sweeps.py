@@ -90,7 +90,7 @@ def test_values_that_are_no_numbers_are_kept(tmp_path):
     )
     keep(tmp_path, text)
     with h5py.File(tmp_path / "many.h5") as file:
-        assert list(file[GROUP]["problem.forcing"].asstr()) == ["sin(t)", "0.0"]
+        assert list(file[GROUP]["problem.forcing"].asstr()) == ["sin(t)", "0"]
         damping = [json.loads(one) for one in file[GROUP]["problem.damping"].asstr()]
     assert damping == [[], [{"order": 1.0, "coefficient": 0.5}]]
 
