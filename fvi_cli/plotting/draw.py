@@ -34,7 +34,7 @@ _STEPS = (1, 2, 4, 5, 10)  # ticks are at multiples of these
 _ROUND_OFF = 1e-9  # variations below this share of the largest value
 _RUN_AWAY = 10.0  # curves larger than the calmest one by this factor leave the panel
 _MOST_CELLS, _MOST_ROWS = 12, 30  # of more columns and rows every n-th has a name
-_DECADES = 30.0  # an axis that spans a smaller factor has ticks between the powers of 10
+_DECADES = 60.0  # an axis that spans a smaller factor has ticks between the powers of 10
 
 
 @journal_style()

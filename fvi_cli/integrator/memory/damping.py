@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -26,14 +26,13 @@ from fvi_cli.integrator.memory.interface import (
     Combination,
     Kernels,
     along,
-    member_rows,
     toeplitz_matrix,
 )
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
 from fvi_cli.integrator.memory.lags import Lags
 from fvi_cli.integrator.memory.reach import DamperForms
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array
 
 Pattern = tuple[tuple[tuple[int, ...], bool], ...]
 """For each direction the places of its terms among a scene's active forces; whether it is relative.
@@ -57,14 +56,6 @@ class DampingTables:
     def local(self) -> tuple[Array, ...]:
         """For every direction, from inputs of the block to its forces, ``(q or 1, B m, B i)``."""
         return tuple(toeplitz_matrix(one) for one in self.sequences)
-
-    def of(self, places: Places) -> DampingTables:
-        """The tables of some members."""
-        return replace(
-            self,
-            sequences=tuple(member_rows(one, places) for one in self.sequences),
-            offsets=tuple(one if one is None else member_rows(one, places) for one in self.offsets),
-        )
 
 
 class Damping:
@@ -104,11 +95,6 @@ class Damping:
             for own, one in zip(sequences, self.combinations, strict=True)
         )
         return DampingTables(kernels=kernels, sequences=sequences, offsets=offsets)
-
-    @property
-    def is_shared(self) -> bool:
-        """Whether all members have the same tables: they differ in matrices only."""
-        return all(len(one.weights) == len(one.factors) == 1 for one in self.combinations)
 
     @cached_property
     def operations_per_step(self) -> int:
@@ -206,13 +192,6 @@ class Damping:
         """The damping with a start velocity of zero."""
         part = copy.copy(self)
         part.start_velocity = np.zeros_like(self.start_velocity)
-        return part
-
-    def of(self, places: Places) -> Damping:
-        """The damping of some members; for their tables see :meth:`DampingTables.of`."""
-        part = copy.copy(self)
-        part.start_velocity = self.start_velocity[places]
-        part.combinations = tuple(one.of(places) for one in self.combinations)
         return part
 
 

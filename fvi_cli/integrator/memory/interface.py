@@ -12,17 +12,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from fvi_cli.effects.matrices import Form, times
 from fvi_cli.integrator.memory.kernel import Term
-from fvi_cli.mathematics.arrays import Array, Integers, Places
-
-T = TypeVar("T", bound=np.generic)
+from fvi_cli.mathematics.arrays import Array, Integers
 
 
 def toeplitz_matrix(lags: Array) -> Array:
@@ -37,13 +34,6 @@ def toeplitz_matrix(lags: Array) -> Array:
     return np.asarray(whole.reshape(*lead, n * a, n * b))
 
 
-def constant_lags(first: Array, later: Array, count: int) -> Array:
-    """Lag sequence with one matrix on the diagonal and another one everywhere below."""
-    found = np.repeat(np.asarray(later, dtype=float)[None], count, axis=0)
-    found[0] = first
-    return found
-
-
 def along(values: Array, matrix: Form) -> Array:
     """Values ``(q, n, e)`` times the matrix of every member."""
     if not isinstance(matrix, np.ndarray) or matrix.ndim == 2:
@@ -51,11 +41,6 @@ def along(values: Array, matrix: Form) -> Array:
     if matrix.shape[-1] == 1:
         return values * matrix
     return np.asarray(np.matmul(values, matrix))
-
-
-def member_rows(values: NDArray[T], members: Places) -> NDArray[T]:
-    """The rows of some members, where there is not one row for all."""
-    return values if len(values) == 1 else values[members]
 
 
 class Memory(Protocol):
@@ -106,19 +91,6 @@ class Combination:
             return np.asarray(by_term[self.places[0]])
         factors = self.factors.reshape(*self.factors.shape, *(1,) * (by_term.ndim - 1))
         return np.asarray((factors * by_term[self.places]).sum(axis=1))
-
-    def of(self, members: Places) -> Combination:
-        """The combination of some members."""
-        matrix = self.matrix
-        if isinstance(matrix, np.ndarray) and matrix.ndim == 3:
-            matrix = matrix[members]
-        return replace(
-            self,
-            matrix=matrix,
-            places=member_rows(self.places, members),
-            factors=member_rows(self.factors, members),
-            weights=member_rows(self.weights, members),
-        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -10,10 +10,10 @@ and its discretisation by a Runge-Kutta method on any mesh,
 :math:`z = (x + I^{-1})^{-1} V` solves z' = -x z + V, z(0) = 0. For -1 < theta < 0 there is the
 same integral over :math:`z - V/x`. All V before a step is its past, and the effect on the step is
 :math:`\frac{\sin \pi\theta}{\pi} \int x^{-\theta} \ldots z\, dx` for both signs. For theta = 0 it
-vanishes, and its derivative by theta is that of :math:`I^\theta \log I`.
+vanishes.
 
 The rates depend on the mesh and on relaxation laws with narrow spectra, never on exponents: terms
-of all orders, their derivatives by the order and the members of a batch share their states.
+of all orders and the members of a batch share their states.
 """
 
 from __future__ import annotations
@@ -41,15 +41,8 @@ _ROOM = 2.0
 _ALIKE = 120.0
 
 
-@dataclass(frozen=True)
-class Slope:
-    r"""The derivative :math:`I^\theta \log I` of a power of integration by its exponent."""
-
-    exponent: float
-
-
-Term = float | Slope | RelaxationKernel
-"""An exponent in (-1, 1), the derivative by an exponent, or the kernel of a relaxation law."""
+Term = float | RelaxationKernel
+"""An exponent in (-1, 1), or the kernel of a relaxation law."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -161,7 +154,7 @@ def _kernel(
 
 
 def _is_law(term: Term) -> TypeGuard[RelaxationKernel]:
-    return not isinstance(term, float | Slope)
+    return not isinstance(term, float)
 
 
 class _Rule:
@@ -222,19 +215,17 @@ def _weights(term: Term, rule: _Rule) -> Array:
     """Weights of the states in the force of a term, ``(J,)``."""
     below, logs, above = rule.split(rule.logs)
     rates, first, last = rule.rates, rule.rates[0], rule.rates[-1]
-    if not isinstance(term, float | Slope):
+    if not isinstance(term, float):
         return rule.merge(
             np.exp(term.log_density(below)) / first,
             np.exp(term.log_density(logs) - logs),
             np.exp(term.log_density(above) - 2 * above) * last,
             np.ones_like(rule.logs),
         )
-    theta = term.exponent if isinstance(term, Slope) else term
     # sin(pi theta) / pi in full relative accuracy up to -1 and 1
+    theta = term
     sine = math.copysign(math.sin(math.pi * min(abs(theta), 1 - abs(theta))), theta) / math.pi
     factors = np.full_like(rule.logs, sine)
-    if isinstance(term, Slope):
-        factors = math.cos(math.pi * theta) - sine * rule.logs
     # powers of the rates themselves: exponentials of their logarithms would lose a digit
     return rule.merge(
         np.exp((1 - theta) * below) / first,

@@ -17,7 +17,7 @@ from functools import cache, cached_property
 import numpy as np
 from numpy.polynomial import legendre
 
-from fvi_cli.integrator.memory.kernel import Slope, Term
+from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.quadrature import (
     QuadratureRule,
@@ -107,17 +107,13 @@ class StageOperator:
     def local_blocks(self, term: Term, sizes: Array) -> Array:
         r"""Matrices of a term on the stages of steps of u lengths h, shape ``(u, m, m)``.
 
-        .. math:: h^\theta A^\theta, \qquad h^\theta A^\theta (\ln h + \ln A), \qquad
-                  \hat k((h A)^{-1})
+        .. math:: h^\theta A^\theta, \qquad \hat k((h A)^{-1})
 
-        for a power, its derivative by the exponent, and a law. The power 0 is the identity.
+        for a power and a law. The power 0 is the identity.
         """
         name, m, h = self.name, self.n_stages, sizes[:, None, None]
         if isinstance(term, float):
             return np.asarray(h**term * _power(name, m, term))
-        if isinstance(term, Slope):
-            block = self.local_blocks(term.exponent, sizes)
-            return np.asarray(block @ _logarithm(name, m) + np.log(h) * block)
         block = term.on_integration(
             h * self.matrix, lambda theta: h**theta * _power_of_coefficients(name, m, theta)
         )
@@ -162,12 +158,6 @@ def stage_operator(name: str, n_stages: int) -> StageOperator:
     return StageOperator(name=name, rule=_RULES[name](n_stages))
 
 
-def _in_values(name: str, n_stages: int, coefficients: Array) -> Array:
-    """A matrix on coefficients as one on values at the stages."""
-    operator = stage_operator(name, n_stages)
-    return np.asarray(operator.to_values @ coefficients @ operator.to_coefficients)
-
-
 @cache
 def _power_of_coefficients(name: str, n_stages: int, theta: float) -> Array:
     return matrix_power(stage_operator(name, n_stages).matrix, theta)
@@ -177,11 +167,6 @@ def _power_of_coefficients(name: str, n_stages: int, theta: float) -> Array:
 def _power(name: str, n_stages: int, theta: float) -> Array:
     if theta == 0.0:
         return np.eye(n_stages)
-    return _in_values(name, n_stages, _power_of_coefficients(name, n_stages, theta))
-
-
-@cache
-def _logarithm(name: str, n_stages: int) -> Array:
-    from scipy.linalg import logm
-
-    return _in_values(name, n_stages, np.real(logm(stage_operator(name, n_stages).matrix)))
+    operator = stage_operator(name, n_stages)
+    block = _power_of_coefficients(name, n_stages, theta)
+    return np.asarray(operator.to_values @ block @ operator.to_coefficients)

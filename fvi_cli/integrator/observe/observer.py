@@ -188,7 +188,14 @@ class Observer:
         every = motion.time(steps, tau), position, *motion.momentum_and_energy(position, steps, tau)
         columns = zip(*(np.split(one, edges) for one in every), strict=True)
         return [
-            replace(one.result(run.time), time=t, position=x, momentum=p, energy=e, on_mesh=one.run)
+            replace(
+                one.result(run.time),
+                time=t,
+                position=x,
+                momentum=p,
+                energy=e,
+                on_mesh=replace(one.run, steps=None),
+            )
             for one, run, (t, x, p, e) in zip(members, motion.steps, columns, strict=True)
         ]
 

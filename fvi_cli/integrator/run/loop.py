@@ -8,8 +8,8 @@ from fvi_cli.integrator.engine.blocks import advance, block_length
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import DOUBLINGS, Recurrence
 from fvi_cli.integrator.engine.state import State
-from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.sources import MeshSource, Proposal, Solved, Source
+from fvi_cli.integrator.run.recorder import Recorder, Solved
+from fvi_cli.integrator.run.sources import MeshSource, Proposal, Source
 from fvi_cli.mathematics.arrays import Array
 
 CHUNK, LARGEST_CHUNK = 16384, 2**17

@@ -1,19 +1,13 @@
-"""Sources of the steps of a run, and solved steps as points of the scenes."""
+"""Sources of the steps of a run, and why a step has no solution."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
 
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import Failure, StepFailedError, no_unique_solution
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.mathematics.arrays import Array
 
 
 class Proposal(NamedTuple):
@@ -85,80 +79,6 @@ class MeshSource:
             return one.begin + self._done * one.step_size
         self._stretch, self._done = self._stretch + 1, 0
         return one.end
-
-
-Stops = dict[int, tuple[int, Failure]]
-"""For some scenes how many of successive steps are kept, and why they stop there."""
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Points:
-    """Successive steps of all scenes."""
-
-    done: int  # steps of the run before them
-    times: Array  # ends of the steps and their lengths, shape (n,)
-    sizes: Array
-    position: Array  # at the ends, shape (scenes, n, d)
-    momentum: Array
-
-
-class Solved(NamedTuple):
-    """Equal steps of the members of an engine."""
-
-    proposal: Proposal  # where they begin, and the time at the end of the last
-    end: float
-    position: Array  # at their ends, (q, n, e)
-    momentum: Array
-    unknowns: Array | None  # U, (q, n, s, e), where polynomials are kept
-
-    @property
-    def n_steps(self) -> int:
-        """Number of steps."""
-        return int(self.position.shape[1])
-
-
-def points_of(
-    engine: Engine, solved: Sequence[Solved], done: int
-) -> tuple[Points, NDArray[np.bool_]]:
-    """Successive steps in the coordinates of the scenes, and which of their ends are reported."""
-    proposals, ends, position, momentum, _ = zip(*solved, strict=True)
-    counts = [one.n_steps for one in solved]
-
-    def spread(values: list[float] | list[int]) -> Array:
-        return np.repeat(values, counts) if len(values) > 1 else np.asarray(values[0])
-
-    def join(pieces: Sequence[Array]) -> Array:
-        return np.concatenate(pieces, axis=1) if len(pieces) > 1 else pieces[0]
-
-    last = np.cumsum(counts) - 1
-    behind = [one.first - end for one, end in zip(proposals, last - counts, strict=True)]
-    number = np.arange(last[-1] + 1) + spread(behind)
-    sizes = spread([one.h for one in proposals])
-    times = spread([one.origin for one in proposals]) + sizes * number
-    times[last] = ends
-    every = spread([one.reported_every for one in proposals])
-    reported = np.broadcast_to(every > 0, number.shape)
-    if every.max() > 1:
-        number = number + spread([one.passed for one in proposals])
-        reported = reported & (number % np.maximum(every, 1) == 0)
-    x, p = engine.to_scene(join(position), join(momentum))
-    found = Points(
-        done=done,
-        times=times,
-        sizes=np.broadcast_to(sizes, number.shape),
-        position=x,
-        momentum=p,
-    )
-    return found, reported
-
-
-def velocities_of(engine: Engine, solved: Sequence[Solved]) -> Array:
-    """Velocities at the stages of successive steps, shape ``(scenes, n, r, d)``."""
-    unknowns = [one.unknowns for one in solved if one.unknowns is not None]
-    velocity = np.matmul(engine.tables.slopes[1:].T, np.concatenate(unknowns, axis=1))
-    q, n, r, _ = velocity.shape
-    found = engine.scene_positions(velocity.reshape(q, n * r, -1))
-    return found.reshape(len(engine.scenes), n, r, -1)
 
 
 def why_unsolved(steps: Steps, state: State, member: int = 0) -> StepFailedError:

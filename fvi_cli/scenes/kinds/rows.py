@@ -173,7 +173,7 @@ class FrameKind(SceneKind):
         return {**masses, **self.parameters}
 
     def ready_quantities(self) -> Mapping[str, Expression]:
-        """Drifts, absolute accelerations (with the ground), and the force on the foundation."""
+        """Drifts, absolute accelerations (with the ground), and the force of the foundation."""
         return frame_quantities(self.coordinate_names())
 
     def stated_size(self) -> tuple[KeyPath, int]:
@@ -192,7 +192,7 @@ def frame_quantities(coordinates: tuple[str, ...]) -> Mapping[str, Expression]:
     r"""Quantities of a building by name, in its coordinates from the ground up.
 
     ``drift_i`` is :math:`x_i - x_{i-1}`, ``acceleration_i`` :math:`x_i'' + a`, and ``base_shear``
-    :math:`\sum m_i (x_i'' + a)`, the force on the foundation.
+    :math:`\sum m_i (x_i'' + a)`, the force of the foundation.
     """
     ground = "ground_acceleration"
     found = {}

@@ -10,7 +10,7 @@ from spread import spread
 
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.interface import Combination
-from fvi_cli.integrator.memory.kernel import Slope, power_kernel
+from fvi_cli.integrator.memory.kernel import power_kernel
 from fvi_cli.integrator.memory.stages import stage_operator
 from fvi_cli.integrator.method import Method
 
@@ -112,22 +112,6 @@ def test_powers_add_up(kind, m):
     twice = apply(memory, steps, first[0])[1]
     scale = np.abs(first[2]).max(axis=(1, 2), keepdims=True)
     assert np.abs((twice - first[2]) / scale).max() < 1e-12
-
-
-@spread(kind=KINDS, m=[1, 2, 5, 8], theta=[-0.9, -0.3, 0.0, 0.4, 0.95])
-def test_the_slope_is_the_derivative_by_the_exponent(kind, m, theta):
-    steps = meshes(12)[kind]
-    values = np.random.default_rng(3).standard_normal((12, m, 1))
-    # of steps of very different lengths the exponent's derivatives grow by their logarithms
-    away = 5e-4 * np.array([-2.0, -1.0, 1.0, 2.0])
-    memory = memory_for((*(theta + away), Slope(theta)), steps, m)
-    *beside, slope = apply(memory, steps, values)
-    expected = np.tensordot([1.0, -8.0, 8.0, -1.0], beside, 1) / 6e-3
-    scale = np.abs(beside).max(axis=(0, 2, 3))[:, None, None] + np.abs(expected)
-    assert np.abs((slope - expected) / scale).max() < 1e-7
-    # the control: the slope at another exponent
-    other = apply(memory_for((Slope(theta + 0.01),), steps, m), steps, values)[0]
-    assert np.abs((other - expected) / scale).max() > 1e-5
 
 
 @spread(kind=KINDS, m=[1, 2, 5, 8])
