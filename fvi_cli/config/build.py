@@ -11,14 +11,14 @@ from typing import Any, Final
 import numpy as np
 
 from fvi_cli.config.figures import wrong_figures
-from fvi_cli.config.fit_data import fit_settings
+from fvi_cli.config.fits.data import fit_settings
 from fvi_cli.config.machine import wrong_sizes
 from fvi_cli.config.members import Choice, Reading, make_members, resolved_members
 from fvi_cli.config.methods import methods_of
-from fvi_cli.config.mistakes import Report
 from fvi_cli.config.models import LADDER, ExperimentKeys
 from fvi_cli.config.names import other_meanings, units_of, wrong_units
 from fvi_cli.config.observations import read_observations
+from fvi_cli.config.text.mistakes import Report
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.integrator.memory.damping import law_objection

@@ -13,7 +13,6 @@ from pydantic import TypeAdapter, ValidationError
 
 from fvi_cli.config.build import Built, build_experiment
 from fvi_cli.config.members import with_first
-from fvi_cli.config.mistakes import Report
 from fvi_cli.config.models import (
     ExperimentKeys,
     FileName,
@@ -21,8 +20,9 @@ from fvi_cli.config.models import (
     SeveralExperiments,
     WithoutProblem,
 )
-from fvi_cli.config.overrides import apply_overrides
-from fvi_cli.config.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
+from fvi_cli.config.text.mistakes import Report
+from fvi_cli.config.text.overrides import apply_overrides
+from fvi_cli.config.text.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
 from fvi_cli.errors import ConfigError, excerpt
 from fvi_cli.scenes.keys.mistakes import describe
 from fvi_cli.scenes.keys.values import KeyPath

@@ -11,8 +11,8 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from fvi_cli.config.mistakes import Report
 from fvi_cli.config.models import MemberKeys
+from fvi_cli.config.text.mistakes import Report
 from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.scenes.keys.mistakes import mistakes_of
 from fvi_cli.scenes.keys.values import KeyPath, Range, Wrong, plain

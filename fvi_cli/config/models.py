@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from fvi_cli.config.fits.keys import FitKeys, SweptKey
 from fvi_cli.config.methods import Methods
 from fvi_cli.integrator.observe.request import Direction
 from fvi_cli.scenes.keys.values import (
@@ -28,7 +29,6 @@ from fvi_cli.scenes.keys.values import (
     from_key,
     key,
 )
-from fvi_cli.scenes.records.samples import DECIMAL, Decimal
 from fvi_cli.scenes.registry import AnyKind
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import FigureKind
@@ -48,7 +48,6 @@ FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_leng
 """A name that can be part of a file name."""
 Steps = Annotated[int, Field(ge=1, le=MOST_STEPS)]
 Word = Annotated[str, Field(pattern=WORD)]
-SweptKey = Annotated[str, Field(pattern=r"^problem\.")]
 
 
 class Ladder(Keys):
@@ -164,95 +163,6 @@ class ImpactKeys(Keys):
     )
     restitution: Annotated[float, Field(ge=0, le=1)] = key(
         "The velocity along the normal is reversed and multiplied by it, 0 to 1.", 1.0
-    )
-
-
-class Parts(Keys):
-    """Columns of the parts of an amplitude."""
-
-    magnitude: str | None = key("Column of the magnitude.", None)
-    phase: str | None = key("Column of the phase, in degrees.", None)
-    real: str | None = key("Column of the real part.", None)
-    imaginary: str | None = key("Column of the imaginary part.", None)
-
-    def mistakes(self) -> Iterator[Wrong]:
-        """No column."""
-        if all(column is None for _, column in self):
-            yield Wrong((), "no column; name that of magnitude, phase, real or imaginary")
-
-
-class Data(Keys):
-    """A measured motion, or a steady response."""
-
-    file: str = key("CSV file, from the configuration's folder.")
-    time: str | None = key("Column of the times; default: t.", None)
-    frequency: str | None = key(
-        "Column of frequencies, oscillations per unit of time, in place of time: the data are a "
-        "steady response to harmonic forces.",
-        None,
-    )
-    force: Annotated[list[str], Field(min_length=1), ONE_OR_MANY] | None = key(
-        "Where the harmonic force of a response acts, as for fvi response.", None
-    )
-    columns: Annotated[dict[str, Annotated[str | Parts, BY_FORM]], Field(min_length=1)] = key(
-        "What was measured, each with its column: coordinates (x, or x1, x2, ...), v and the "
-        "name of one for its velocity, a for its acceleration, names under quantities, or "
-        "expressions in these. Of a response: coordinates, their combinations, v or a and the "
-        "name of one, with the column of the magnitude or {magnitude: ..., phase: ...} "
-        "(degrees) or {real: ..., imaginary: ...}."
-    )
-    decimal: Decimal = DECIMAL
-    name: str | None = key("Of the motion; default: the name of the file.", None)
-    set: dict[SweptKey, float] = key("Numbers of the problem that differ in this motion.", {})
-
-    def mistakes(self) -> Iterator[Wrong]:
-        """Keys of a motion and of a response together."""
-        if self.frequency is not None and self.time is not None:
-            words = "not together with frequency: the data are a motion or a response"
-            yield Wrong(("time",), words, of_key=True)
-        if self.frequency is None and self.force is not None:
-            words = "only for responses; write frequency: and its column in place of time"
-            yield Wrong(("force",), words, of_key=True)
-        for name, column in self.columns.items() if self.frequency is None else ():
-            if not isinstance(column, str):
-                words = "parts are those of a response; name one column"
-                yield Wrong(("columns", name), words)
-
-
-class ParameterKeys(Keys):
-    """A number of the problem that is fitted."""
-
-    start: float | None = key("Where the search begins; default: the value in the problem.", None)
-    from_: float | None = from_key("Lower bound; with from: 0 the logarithm is fitted.", None)
-    to: float | None = key("Upper bound.", None)
-
-
-class ModelKeys(Keys):
-    """A description of the problem that is fitted to the same data."""
-
-    set: dict[SweptKey, Any] = key("What is different from the problem of the experiment.", {})
-    parameters: dict[SweptKey, ParameterKeys] | None = key(
-        "What is fitted; default: those of the fit that are not set.", None
-    )
-
-
-class FitKeys(Keys):
-    """Parameters, models and measurements of a fit."""
-
-    data: Annotated[list[Data], Field(min_length=1, max_length=100), ONE_OR_MANY] = key(
-        "Measured motions, one or several."
-    )
-    parameters: Annotated[dict[SweptKey, ParameterKeys], Field(min_length=1)] = key(
-        "Numbers of the problem that are fitted, by key path: "
-        "{problem.damping.0.order: {start: 0.5, from: 0.05, to: 1.95}}."
-    )
-    noise: Annotated[Literal["auto"] | Positive, BY_FORM] = key(
-        "Standard deviation of the noise: auto (estimated from the residuals), or a number.", "auto"
-    )
-    models: Annotated[dict[str, ModelKeys], Field(min_length=1)] | None = key(
-        "Several descriptions that are fitted to the same data and compared; default: the one of "
-        "the problem.",
-        None,
     )
 
 

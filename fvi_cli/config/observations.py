@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from fvi_cli.config.mistakes import Report
 from fvi_cli.config.models import ExperimentKeys
 from fvi_cli.config.names import FORCE, TAKEN, names_along, spoilt_force
+from fvi_cli.config.text.mistakes import Report
 from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.observe.request import (
     Event,

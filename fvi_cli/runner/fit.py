@@ -7,7 +7,7 @@ import logging
 from collections.abc import Sequence
 from pathlib import Path
 
-from fvi_cli.config.fitted import fitted_text
+from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
 from fvi_cli.runner.progress import progress_bar
 from fvi_cli.runner.request import Request, Source, Task, requested

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 
-from fvi_cli.config.tree import MistakesError, read_document, read_scalar
+from fvi_cli.config.text.tree import MistakesError, read_document, read_scalar
 
 # From the tables of the core schema in the YAML 1.2.2 specification, section 10.3, and what
 # YAML 1.1 reads differently.

@@ -6,7 +6,7 @@ import jsonschema
 import pytest
 
 from fvi_cli.config import find_config, json_schema, shipped_configs, starter_config
-from fvi_cli.config.tree import read_document
+from fvi_cli.config.text.tree import read_document
 from fvi_cli.scenes.registry import KINDS
 
 SCHEMA = json_schema()

@@ -99,7 +99,7 @@ def structure(folder: Path, size: int) -> fvi.LoadedConfig:
 
 
 def test_fitted_numbers_of_large_structures_are_read_again(folder):
-    from fvi_cli.config.fitted import fitted_text
+    from fvi_cli.config.fits.fitted import fitted_text
 
     loaded = structure(folder, 460)
     (described,) = (one.problem_specification for one in loaded.experiments)

@@ -8,7 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
-from fvi_cli.config.tree import Document, Mistake
+from fvi_cli.config.text.tree import Document, Mistake
 from fvi_cli.errors import ArgumentError, ConfigError
 from fvi_cli.scenes.keys.mistakes import inside, mistakes_of
 from fvi_cli.scenes.keys.values import KeyPath, Wrong

@@ -9,10 +9,10 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
+from fvi_cli.config.fits.keys import Data, FitKeys, ModelKeys, ParameterKeys
 from fvi_cli.config.members import Choice, place_changes
-from fvi_cli.config.mistakes import Report
-from fvi_cli.config.models import Data, FitKeys, ModelKeys, ParameterKeys
 from fvi_cli.config.names import FORCE, names_along
+from fvi_cli.config.text.mistakes import Report
 from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
-from fvi_cli.config.tree import (
+from fvi_cli.config.text.tree import (
     DEEPEST_NESTING,
     Document,
     Mistake,

@@ -10,7 +10,7 @@ from typing import Any
 import yaml
 
 from fvi_cli.config.load import LoadedConfig
-from fvi_cli.config.tree import LARGEST_TEXT
+from fvi_cli.config.text.tree import LARGEST_TEXT
 from fvi_cli.errors import RequestError
 from fvi_cli.scenes.records.inputs import is_file
 from fvi_cli.studies.members import with_values

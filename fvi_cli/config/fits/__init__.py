@@ -1,0 +1,1 @@
+"""Measurements of a fit and its models, and the configuration with fitted numbers."""

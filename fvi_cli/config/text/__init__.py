@@ -1,0 +1,1 @@
+"""The text of a configuration: values with places, changes by options, mistakes."""
