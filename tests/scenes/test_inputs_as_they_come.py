@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 
+import fvi_cli as fvi
 from fvi_cli.effects.matrices import dense
 from fvi_cli.scenes.records.csv_samples import read_at2_samples, read_csv_columns, read_csv_samples
 from fvi_cli.scenes.records.data_files import DataFileError
@@ -172,3 +173,34 @@ def test_matrices_of_finite_element_programs(file_of, name):
 def test_other_matrices_are_refused(file_of, text, name, words):
     with pytest.raises(DataFileError, match=words):
         read_matrix(*file_of(text, name))
+
+
+COMMAS = """\
+name: commas
+problem:
+  kind: structure
+  mass: [[2, 0], [0, 1]]
+  stiffness: [[4, -1], [-1, 3]]
+  ground_acceleration: {file: a.csv, time: t, column: a, decimal: ",", interpolation: previous}
+  ground_direction: {file: r.csv}
+  final_time: 1.0
+ladder: {steps: [10]}
+"""
+
+
+def test_keys_of_tables_and_directions(file_of, tmp_path):
+    file_of("t;a\n0,0;1,5\n0,5;-2,5\n1,0;0,0\n", "a.csv")
+    file_of("1\n0\n", "r.csv")
+    path, _ = file_of(COMMAS, "commas.yaml")
+    (experiment,) = fvi.load(path).experiments
+    force = experiment.problem.scene.forcing(np.array([0.25, 0.75]))
+    assert force.tolist() == [[-3.0, 0.0], [5.0, 0.0]]
+    for name, wrong, words in (
+        ("r.csv", "1\nx\n", "r.csv: not a list of numbers"),
+        ("r.csv", "1 2\n3 4\n", "one line, or one column"),
+        ("a.csv", "t;a\n0.0;1.5\n0.5;2.5\n1.0;0\n", "a.csv:2: column 't' holds '0.0'"),
+    ):
+        file_of("1\n0\n", "r.csv")
+        file_of(wrong, name)
+        with pytest.raises(fvi.ConfigError, match=words):
+            fvi.load(path)

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, TimeFunction
 from fvi_cli.scenes.keys.values import BY_FORM, key
 from fvi_cli.scenes.kinds.kind import Forced
-from fvi_cli.scenes.structures.matrix_keys import NumberOrMatrix, PositiveOrMatrix
+from fvi_cli.scenes.structures.matrix_keys import NumberOrMatrix, PositiveOrMatrix, Vector
 from fvi_cli.scenes.structures.rayleigh import Rayleigh
 from fvi_cli.scenes.structures.structure import structure
 
@@ -28,6 +28,8 @@ class Structure(Forced):
         None,
     )
     ground_acceleration: TimeFunction = GROUND_ACCELERATION
-    ground_direction: Annotated[float | list[float], BY_FORM] = key(
-        "r: how far every coordinate goes with a ground that moves by 1.", 1.0
+    ground_direction: Annotated[float | list[float] | Vector, BY_FORM] = key(
+        "r: how far every coordinate goes with a ground that moves by 1; a list that is shorter is "
+        "a pattern, which is repeated.",
+        1.0,
     )

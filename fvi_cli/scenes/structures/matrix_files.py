@@ -77,6 +77,24 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> Form:
         raise DataFileError(str(error)) from None
 
 
+def read_vector(path: Path, name: str) -> NDArray[np.float64]:
+    """Read numbers from a text, ``(n,)``: a line of them, or one in every line.
+
+    Raises
+    ------
+    DataFileError
+        If it cannot be read, or holds anything else.
+    """
+    content = read_content(path, name, LARGEST_FILE)
+    try:
+        found = _text(content, name)
+    except (ValueError, UserWarning) as error:
+        raise DataFileError(f"{name}: not a list of numbers: {excerpt(str(error), 160)}") from None
+    if 1 not in found.shape or not np.isfinite(found).all():
+        raise DataFileError(f"{name}: it must be one line, or one column, of finite numbers")
+    return found.ravel()
+
+
 def _symmetric(value: Any, name: str) -> Form:
     """A matrix, sparse where it is large and has few entries; refuses unsymmetric ones."""
     # entries that are not finite, or too large for a double, are refused below

@@ -12,7 +12,7 @@ from fvi_cli.effects.matrices import Form, SparseMatrix, as_csr, is_sparse, spar
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.keys.values import BY_FORM, Matrix, Positive, key
 from fvi_cli.scenes.records.inputs import FromFile, kept_numbers
-from fvi_cli.scenes.structures.matrix_files import read_matrix
+from fvi_cli.scenes.structures.matrix_files import read_matrix, read_vector
 
 
 def matrix_as_numbers(matrix: Form) -> Array:
@@ -52,6 +52,16 @@ class MatrixFile(FromFile):
     def form(self) -> Form:
         """The matrix."""
         return _matrix_of_digest(str(self.digest))
+
+
+class Vector(FromFile):
+    """A list of numbers from a file."""
+
+    file: str = key("Text with a number in every line, from the folder of the configuration.")
+
+    def read(self, path: Path, name: str) -> Array:
+        """The numbers, shape ``(n,)``."""
+        return read_vector(path, name)
 
 
 NumberOrMatrix = Annotated[float | Matrix | MatrixFile, BY_FORM]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Unpack
+from collections.abc import Mapping
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,7 +15,8 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.chains import ground_force
 from fvi_cli.scenes.data import SceneData, linear_oscillator, scene_function
-from fvi_cli.scenes.structures.matrix_keys import matrix_of
+from fvi_cli.scenes.records.inputs import kept_numbers
+from fvi_cli.scenes.structures.matrix_keys import Vector, matrix_of
 from fvi_cli.scenes.structures.rayleigh import Rayleigh, rayleigh_damping
 
 
@@ -25,7 +27,7 @@ def structure(
     stiffness: object,
     rayleigh: Rayleigh | None = None,
     ground_acceleration: Forcing | str | None = None,
-    ground_direction: ArrayLike = 1.0,
+    ground_direction: ArrayLike | Vector = 1.0,
     **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a structure by its matrices, shaken by the ground.
@@ -53,14 +55,18 @@ def structure(
     return linear_oscillator(mass=m, stiffness=k, **data)
 
 
-def ground_shares(direction: ArrayLike, size: int) -> Array:
-    """The share r of the ground's motion in every coordinate, by a number, a list or a pattern.
+def ground_shares(direction: ArrayLike | Vector | Mapping[str, Any], size: int) -> Array:
+    """The share r of the ground's motion in every coordinate, by a number, a pattern or a file.
 
     Raises
     ------
     ArgumentError
         If a pattern does not fit the number of coordinates.
     """
+    if isinstance(direction, Mapping):
+        direction = kept_numbers(str(direction["digest"]))
+    elif isinstance(direction, Vector):
+        direction = direction.numbers
     pattern = np.atleast_1d(np.asarray(direction, dtype=float)).ravel()
     if pattern.size == 0 or size % pattern.size:
         raise ArgumentError(
