@@ -20,7 +20,7 @@ class Problem:
     scene: Scene  # the effects and initial data
     # position at times of shape ``(n,)`` as ``(n, d)``; None when it is not known
     exact: Callable[[Array], Array] | None = None
-    # source of `exact`, such as ``expression`` or ``closed form``; or the reason why there is none
+    # source of `exact`, ``expression``; or why there is none: ``unknown``, or ``none`` as asked for
     exact_source: str = "unknown"
     equation: str = ""  # the equation of motion in plain text
     coordinates: tuple[str, ...] = ()  # names of the d coordinates; empty: they have no names
@@ -58,7 +58,7 @@ class DerivativeProblem:
     final_time: float  # the derivative is taken on [0, T]
     exact: Callable[[Array], Array]  # the derivative at times of shape ``(n,)`` as ``(n, 1)``
     kind: str = "fractional-derivative"
-    exact_source: str = "closed form"
+    exact_source: str = "expression"
     equation: str = ""
 
 
