@@ -120,7 +120,7 @@ class Recurrence:
         return found
 
     def _before_blocks(
-        self, w: Array, lost: Array, blocks: int, load_changes: Array
+        self, w: Array, lost: Array, blocks: int, load_changes: Array | None
     ) -> tuple[Array, Array, Array]:
         """Vectors w before every block, ``(blocks, D)``, and after all, with its rounding error.
 
@@ -131,17 +131,23 @@ class Recurrence:
         *halves, whole = self._changes_of_groups
         levels = []
         for change in halves:
-            levels.append(load_changes[::2])
-            load_changes = load_changes[1::2] + load_changes[::2] + load_changes[::2] @ change
-        before = np.empty((len(load_changes), w.size))
-        for index, by_loads in enumerate(load_changes):
+            levels.append(None if load_changes is None else load_changes[::2])
+            if load_changes is not None:
+                first, second = load_changes[::2], load_changes[1::2]
+                load_changes = second + first + first @ change
+        before = np.empty((blocks >> DOUBLINGS, w.size))
+        for index in range(len(before)):
             before[index] = w
-            change = w @ whole + by_loads - lost
+            change = w @ whole - lost
+            if load_changes is not None:
+                change += load_changes[index]
             total = w + change
             lost = (total - w) - change
             w = total
         for change, by_loads in zip(reversed(halves), reversed(levels), strict=True):
-            second = before + before @ change + by_loads
+            second = before + before @ change
+            if by_loads is not None:
+                second += by_loads
             before = np.stack([before, second], axis=1).reshape(-1, w.size)
         return before, w, lost
 
@@ -158,9 +164,11 @@ class Recurrence:
         given, column = self._load_vectors(state, blocks, loads)
         w = np.concatenate([self._seen @ state.z[0].ravel(), state.x[0], state.p[0]])
         lost = np.concatenate([np.zeros(size), state.x_lost[0], state.p_lost[0]])
-        load_changes = np.zeros((blocks, w.size))
+        load_changes = None
         if given is not None:
-            load_changes += given @ self._of_loads.change
+            load_changes = given @ self._of_loads.change
+            if len(given) < blocks:
+                load_changes = np.repeat(load_changes, blocks, axis=0)
         before, w, lost = self._before_blocks(w, lost, blocks, load_changes)
         if not np.isfinite(w).all():
             return None
