@@ -26,20 +26,16 @@ class Measured:
     round_off: float  # error by round-off, relative to `largest`
     reference: float  # error of the reference in the maximum norm; nan: there is none
 
-    def unit(self, norm: Norm, final_time: float) -> float:
-        """The norm of an error of one everywhere: in l2 it grows with the length of the run."""
-        return math.sqrt(final_time) if norm == "l2" else 1.0
+    @property
+    def floor(self) -> float:
+        """Largest error of a component that is round-off or the reference's own error."""
+        round_off = self.largest * self.round_off
+        return round_off if math.isnan(self.reference) else max(round_off, 10 * self.reference)
 
-    def scale(self, norm: Norm, final_time: float) -> float:
-        """The error of a run that stays at zero."""
-        return self.unit(norm, final_time) * self.largest
 
-    def floor(self, norm: Norm, final_time: float) -> float:
-        """Errors below this are round-off or the reference's own error."""
-        round_off = self.scale(norm, final_time) * self.round_off
-        if math.isnan(self.reference):
-            return round_off
-        return max(round_off, 10 * self.unit(norm, final_time) * self.reference)
+def unit_of(norm: Norm, final_time: float, dimension: int) -> float:
+    r"""Norm of an error of one in every component at all times, :math:`\sqrt{T d}` in l2."""
+    return math.sqrt(final_time * dimension) if norm == "l2" else 1.0
 
 
 def round_up(bound: float) -> str:
@@ -48,22 +44,24 @@ def round_up(bound: float) -> str:
     return f"{float(digits):.1e}"
 
 
-def point_weights(time: Array, step_size: float, every: int, grading: float) -> float | Array:
-    """Weights of points in l2, times; a kept point reaches half-way to its kept neighbours."""
+def point_weights(time: Array, step_size: float, every: int) -> Array:
+    """Weights of points in l2, times: the step before each of them, for the first the one after.
+
+    Of a run that keeps every n-th point, a kept point reaches half-way to its kept neighbours.
+    """
     if every > 1:
         gaps = np.diff(time, prepend=time[0] - step_size, append=time[-1] + step_size)
         return np.asarray(0.5 * (gaps[:-1] + gaps[1:]))
-    if grading != 1.0:
-        return np.diff(time, prepend=0.0)
-    return step_size
+    gaps = np.diff(time)
+    return np.append(gaps[:1], gaps) if gaps.size else np.full(time.size, step_size)
 
 
-def error_norm(position: Array, exact: Array, step_size: float | Array, norm: Norm) -> float:
+def error_norm(position: Array, exact: Array, weights: float | Array, norm: Norm) -> float:
     r"""Norm of position - exact, both of shape ``(n, d)``.
 
     ``max``: over components and grid points; ``final``: over components at the last point;
-    ``l2``: :math:`(\sum_k h_k |e_k|^2)^{1/2}` with the Euclidean norm of the components, where
-    h_k is `step_size`, or one size for every point, shape ``(n,)``.
+    ``l2``: :math:`(\sum_k h_k |e_k|^2)^{1/2}` with the Euclidean norm of the components and the
+    `weights` h_k, one or shape ``(n,)``.
     Values that are not finite give nan or infinity, never a number that looks right.
 
     Raises
@@ -84,5 +82,5 @@ def error_norm(position: Array, exact: Array, step_size: float | Array, norm: No
             if not 0 < scale < np.inf:
                 return scale
             squares = ((error / scale) ** 2).sum(axis=1)
-            return scale * float(np.sqrt((step_size * squares).sum()))
+            return scale * float(np.sqrt((weights * squares).sum()))
     raise ValueError(f"norm: {norm!r} is not one of max, final, l2")

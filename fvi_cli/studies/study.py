@@ -21,7 +21,7 @@ from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
-from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights
+from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights, unit_of
 from fvi_cli.studies.reference import WITHOUT_END, Reference, reference_of
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
@@ -130,12 +130,10 @@ def assessed(
     trajectory = found.on_mesh or found
     exact = reference.at(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
-    spacing = point_weights(
-        trajectory.time, run.step_size, trajectory.every, run.experiment.grading
-    )
+    weights = point_weights(trajectory.time, run.step_size, trajectory.every)
     errors = dict.fromkeys(NORMS, float("nan"))
     if trajectory.status != "failed":
-        errors = {norm: error_norm(trajectory.position, exact, spacing, norm) for norm in NORMS}
+        errors = {norm: error_norm(trajectory.position, exact, weights, norm) for norm in NORMS}
     measured = Measured(
         **errors,
         largest=float(np.abs(compared).max(initial=0.0)),
@@ -184,12 +182,13 @@ def _remarks(run: Run, trajectory: Trajectory, prediction: StabilityPrediction) 
 
 def judged(run: Run, status: Status, measured: Measured) -> dict[str, Any]:
     """Error, floor and status of a finished run in the norm of its experiment."""
-    norm, final_time = run.experiment.norm, run.experiment.problem.final_time
-    error, floor = getattr(measured, norm), measured.floor(norm, final_time)
+    norm, problem = run.experiment.norm, run.experiment.problem
+    unit = unit_of(norm, problem.final_time, problem.dimension)
+    error, floor = getattr(measured, norm), unit * measured.floor
     known: Observed = status
     if status == "ok" and not math.isnan(measured.reference):
         # the error is many times the whole solution: this is no approximation
-        if not np.isfinite(error) or error > DIVERGED_RATIO * measured.scale(norm, final_time) > 0:
+        if not np.isfinite(error) or error > DIVERGED_RATIO * unit * measured.largest > 0:
             known = "diverged"
         elif error < floor:
             known = "floor"

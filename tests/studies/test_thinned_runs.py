@@ -1,5 +1,7 @@
 """What is stored, and measured, of a run that keeps every n-th point only."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from spread import spread
@@ -8,7 +10,8 @@ from stored_runs import read_back
 from fvi_cli.config import load_config
 from fvi_cli.studies import study
 from fvi_cli.studies.norms import point_weights
-from fvi_cli.studies.study import execute
+from fvi_cli.studies.reference import Reference
+from fvi_cli.studies.study import execute, judged
 
 CONFIG = """\
 name: thinned
@@ -106,8 +109,40 @@ def test_weights_of_kept_points_are_the_integral_of_all(tmp_path, monkeypatch):
     assert thin == pytest.approx(whole, rel=0.02)
     time = np.linspace(0.0, 1.0, 31)
     kept = time[[0, 30]]
-    assert point_weights(kept, 1 / 30, 1000, 1.0).sum() == pytest.approx(1 + 1 / 30)
-    assert point_weights(time, 1 / 30, 1, 1.0) == 1 / 30
+    assert point_weights(kept, 1 / 30, 1000).sum() == pytest.approx(1 + 1 / 30)
+    assert point_weights(time, 1 / 30, 1) == pytest.approx(1 / 30)
+
+
+JUMPS = """\
+name: jumps
+problem:
+  kind: frame
+  storeys: BODIES
+  mass: 1.0
+  stiffness: 4.0
+  ground_acceleration: {pieces: [{until: END, value: 1.0}, {value: -2.0}]}
+  final_time: 1.0
+method: {rk: gauss, degree: 2}
+ladder: {steps: [7]}
+report: {norm: l2}
+"""
+
+
+@spread(few=2, bodies=[1, 3], end=[0.07, 0.3, 0.61, 0.95])
+def test_l2_is_an_integral_on_unequal_steps_and_a_sum_over_components(tmp_path, bodies, end):
+    path = tmp_path / "jumps.yaml"
+    path.write_text(JUMPS.replace("BODIES", str(bodies)).replace("END", str(end)))
+    (run,) = load_config(path).experiments[0].runs()
+    rest = Reference(values=lambda t: np.zeros((t.size, bodies)), error=0.0, source="rest")
+    found = execute(run, rest)
+    steps = np.diff(found.trajectory.time)
+    assert np.ptp(steps) > 1e-3
+    squares = (found.trajectory.position[1:] ** 2).sum(axis=1)
+    assert found.error == pytest.approx(np.sqrt((steps * squares).sum()), rel=1e-12)
+    # the norm of a floor in every component
+    constant = replace(found.measured, largest=1.0)
+    floor = judged(run, "ok", constant)["floor"]
+    assert floor == pytest.approx(np.sqrt(bodies) * constant.floor, rel=1e-12)
 
 
 @spread(norm=["max", "final", "l2"], second=[1.0, 1e8, 1e-12])

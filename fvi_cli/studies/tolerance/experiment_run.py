@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -14,7 +13,7 @@ from fvi_cli.integrator.observe.observer import observe_runs
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Observed, Run
-from fvi_cli.studies.norms import error_norm
+from fvi_cli.studies.norms import error_norm, point_weights, unit_of
 from fvi_cli.studies.tolerance.runs import gauss
 from fvi_cli.studies.tolerance.search import solve_by_two_runs
 
@@ -26,7 +25,7 @@ def run_for_tolerance(
 ) -> FinishedRun:
     """Find the steps that the experiment's tolerance needs, and finish their run.
 
-    The tolerance holds at any time, and so in every norm; in l2 it is multiplied by the root of T.
+    The tolerance holds at any time, and so in every norm; in l2 it is times the root of T d.
     The error of the run is its true error at the reported times (in l2 on the mesh) where the exact
     solution is known, otherwise the estimate.
 
@@ -36,7 +35,7 @@ def run_for_tolerance(
     experiment, scene, accuracy = search.experiment, search.scene, search.experiment.accuracy
     if accuracy is None:
         raise ValueError(f"{experiment.name}: no tolerance is asked for")
-    unit = math.sqrt(scene.final_time) if experiment.norm == "l2" else 1.0
+    unit = unit_of(experiment.norm, scene.final_time, scene.dimension)
     tolerance = accuracy.tolerance
     wanted = accuracy
     if tolerance is not None:
@@ -54,8 +53,8 @@ def run_for_tolerance(
     error, reference, exact = unit * known.estimate, "a second run, an estimate", run.problem.exact
     if exact is not None:
         measured = on_mesh if experiment.norm == "l2" else trajectory
-        spacing = np.diff(measured.time, prepend=0.0)
-        error = error_norm(measured.position, exact(measured.time), spacing, experiment.norm)
+        weights = point_weights(measured.time, found.step_size, 1)
+        error = error_norm(measured.position, exact(measured.time), weights, experiment.norm)
         reference = run.problem.exact_source
         known = _held_against_exact(
             known, error, accuracy.tolerance or unit * known.tolerance, unit
