@@ -24,11 +24,10 @@ class Assessment:
 
     # met; unreliable: runs that should agree do not; refused: the tolerance is out of reach
     outcome: Outcome
-    tolerance: float  # a length; nan if it is relative and there is no motion
+    tolerance: float  # in the norm of the experiment; nan if it is relative and nothing moves
     estimate: float  # of the error of the position at any time, the least that was reached
     reason: str = ""  # why it is not met, in one line; empty if it is met
     time: float | None = None  # where the motion is unreliable from
-    place: tuple[float, ...] | None = None
     attempts: tuple[str, ...] = ()  # one line for every run
 
 

@@ -72,18 +72,19 @@ def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> 
             )
     is_swept = any(outcome.experiment.members for outcome in outcomes)
     texts = [columns_of_words(rows)] if len(rows) > 1 or not is_swept else []
-    texts += _assurances_as_text(outcomes, every_member=every_member)
+    texts += _tolerances_as_text(outcomes, every_member=every_member)
     texts += _observed_as_text(outcomes)
     designs = design_sheet([one for outcome in outcomes for one in outcome.finished])
     texts += [] if designs is None else [to_text(design_blocks(designs))]
     return "\n\n".join([*texts, *summed_up])
 
 
-def _assurances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> list[str]:
+def _tolerances_as_text(outcomes: Sequence[Outcome], *, every_member: bool) -> list[str]:
     """Tolerance and estimate of runs for a tolerance; of sweeps those nearest to theirs."""
     rows = [("experiment", "tolerance", "estimate", "outcome", "member")]
     for outcome in outcomes:
-        found = [(one.run, one.assurance) for one in outcome.finished if one.assurance is not None]
+        judged = [(one.run, one.trajectory.assessment) for one in outcome.finished]
+        found = [(run, own) for run, own in judged if own is not None]
         if found and outcome.experiment.members and not every_member:
             found = [max(found, key=lambda one: one[1].estimate / one[1].tolerance)]
         rows += [

@@ -21,6 +21,7 @@ from fvi_cli.integrator.observe.request import Event, Impact
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import (
+    Assessment,
     Diagnostics,
     Extent,
     NewtonRecord,
@@ -28,7 +29,6 @@ from fvi_cli.integrator.trajectory import (
     Occurrences,
     Trajectory,
 )
-from fvi_cli.studies.accuracy_settings import Assurance
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.norms import Measured
 
@@ -126,7 +126,7 @@ EXTENTS: Final = "quantity_extents"
 COUNTS: Final = "event_counts"
 _EVENT = f"events/*/{OCCURRENCE}"
 _T = "trajectory."
-_D, _O, _N, _A = _T + "diagnostics.", _T + "observed.", _T + "newton.", "assurance."
+_D, _O, _N, _A = _T + "diagnostics.", _T + "observed.", _T + "newton.", _T + "assessment."
 
 FIELDS: Final[tuple[Field, ...]] = (
     Field("time", "time", _T + "time", (TIME,)),
@@ -185,7 +185,8 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("estimate", "estimated error", _A + "estimate"),
     Field("attempts", "what was tried", _A + "attempts", form="json"),
     Field("outcome", "whether the tolerance is met", _A + "outcome"),
-    Field("relative", "share of the largest position that was asked for", _A + "relative"),
+    Field("relative", "share of the largest position that was asked for",
+          lambda f: f.run.experiment.accuracy and f.run.experiment.accuracy.relative),
 )  # fmt: skip
 
 JSON_FIELDS: Final = frozenset(one.name for one in FIELDS if one.form == "json")
@@ -194,10 +195,10 @@ JSON_FIELDS: Final = frozenset(one.name for one in FIELDS if one.form == "json")
 CLASSES: Final[Mapping[str, type]] = {
     "measured": Measured,
     "trajectory": Trajectory,
+    "trajectory.assessment": Assessment,
     "trajectory.newton": NewtonRecord,
     "trajectory.diagnostics": Diagnostics,
     "trajectory.observed": Observed,
-    "assurance": Assurance,
 }
 """Classes by the path at which they stand in a finished run."""
 

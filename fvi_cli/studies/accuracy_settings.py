@@ -1,15 +1,13 @@
-"""The tolerance that an experiment gives in place of a ladder, and the result of its search."""
+"""The tolerance that an experiment gives in place of a ladder."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Self
 
 from pydantic import PrivateAttr
 
 from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method
-from fvi_cli.integrator.trajectory import Outcome
 from fvi_cli.scenes.keys.values import Fraction, Keys, Positive, Wrong, key
 
 USUAL_STAGES = (10, 12, 8)
@@ -45,13 +43,6 @@ class Accuracy(Keys):
         return made
 
     @property
-    def words(self) -> str:
-        """The requested tolerance, in words."""
-        if self.tolerance is not None:
-            return f"{self.tolerance:g}"
-        return f"{self.relative:g} of the largest position"
-
-    @property
     def methods(self) -> tuple[AnyMethod, ...]:
         """The methods that a run may end with."""
         return tuple(
@@ -69,16 +60,3 @@ class Accuracy(Keys):
             "stages": self.stages,
         }
         return {name: value for name, value in given.items() if value is not None}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Assurance:
-    """The error of a run that was chosen for a tolerance, as far as it is known."""
-
-    tolerance: float  # requested tolerance, a length
-    estimate: float  # estimated error; nan where no second run could be compared
-    attempts: tuple[str, ...]  # one line for every run of the search, this one included
-    outcome: Outcome = "met"
-    """``met``, ``unreliable`` or ``refused``."""
-    relative: float | None = None
-    """The tolerance as a share of the largest position; None: it was given as a length."""

@@ -16,7 +16,7 @@ from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
-from fvi_cli.studies.accuracy_settings import Accuracy, Assurance
+from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import Member
@@ -73,7 +73,6 @@ class Experiment:
     """Norm of the error."""
     expect: Mapping[str, str] = field(default_factory=dict)
     """Known failures: from a case name, or its first part such as ``bdf5``, to ``unstable``."""
-    """Compute runs that are predicted to blow up."""
     store_every: int = 1
     """Keep every n-th grid point in files."""
     claims: Mapping[str, float] = field(default_factory=dict)
@@ -300,8 +299,6 @@ class FinishedRun:
     """Order that theory expects on this scene in this norm; nan when none is stated."""
     reference: str = "unknown"
     """The reference of the error, in words."""
-    assurance: Assurance | None = None
-    """Error estimate and choice of steps; None unless the run was for a tolerance."""
     measured: Measured | None = None
     """The error in every norm, and the numbers from which its floor follows; None where the error
     is an estimate or the run was not computed."""

@@ -20,8 +20,7 @@ from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import Experiment, Run, Subject
 from fvi_cli.studies.members import Member, members_at_a_time
 from fvi_cli.studies.norms import round_up
-from fvi_cli.studies.tolerance.rounds import likely_amplitude
-from fvi_cli.studies.tolerance.runs import AdaptiveRuns
+from fvi_cli.studies.tolerance.runs import adaptive_runs, likely_amplitude
 
 CHECK_METHOD = Method(cq="gauss", degree=4, start="graded")
 MOST_STEPS = 2**14
@@ -240,12 +239,12 @@ def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
     scale = likely_amplitude(scene) or 1.0
     is_rough = is_steep(scene)
-    better, worse = (AdaptiveRuns(scene, degree, most_steps=MOST_STEPS) for degree in (8, 10))
+    better, worse = (adaptive_runs(scene, degree, most_steps=MOST_STEPS) for degree in (8, 10))
     for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
-        runs = [better.run(tolerance * scale), worse.run(3.0 * tolerance * scale)]
+        runs = [better(tolerance * scale), worse(3.0 * tolerance * scale)]
         if is_rough:
             # beside kinks two runs may agree by accident
-            runs.append(worse.run(10.0 * tolerance * scale))
+            runs.append(worse(10.0 * tolerance * scale))
         last = next((run for run in runs if run.status != "ok"), runs[0])
         if last.status != "ok":
             continue

@@ -195,5 +195,5 @@ def test_errors_below_that_of_the_reference_are_at_its_floor(error, is_poor):
     reference = Reference(
         values=lambda times: times[:, None] ** 3, error=error, source="refined run"
     )
-    finished = assessed(run, (trajectory, trajectory), prediction_of(run), reference)
+    finished = assessed(run, trajectory, prediction_of(run), reference)
     assert finished.status == ("floor" if is_poor else "ok")

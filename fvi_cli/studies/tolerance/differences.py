@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -112,33 +112,17 @@ def perturb_start(scene: Scene, run: Trajectory) -> Scene:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Growth:
-    """How the difference of two runs grows."""
+def growth_of(
+    times: Array, differences: Array, scale: float, tolerance: float
+) -> tuple[float, float]:
+    """The time from which on differences of two runs exceed a tolerance, and their growth.
 
-    time: float  # time from which on the difference is above the tolerance
-    place: tuple[float, ...]  # position of the motion at that time
-    factor: float  # growth of the difference in the run, since it first exceeded round-off
-
-    @property
-    def where(self) -> str:
-        """Time and place in words."""
-        return f"from t = {self.time:.6g} on, at [{', '.join(f'{x:.4g}' for x in self.place)}]"
-
-
-def growth_of(run: Trajectory, times: Array, differences: Array, tolerance: float) -> Growth:
-    """When and where differences exceed the tolerance, and the factor by which they grew."""
+    They grow by a factor since they exceed round-off at the `scale` of the motion.
+    """
     above = np.flatnonzero(~(differences <= tolerance))
     index = int(above[0]) if above.size else differences.size - 1
-    scale = float(np.abs(run.position).max()) or 1.0
-    seen = np.flatnonzero(differences > 1e-15 * scale)
-    begin = int(seen[0]) if seen.size else index
+    seen = np.flatnonzero(differences > 1e-15 * (scale or 1.0))
+    least = float(differences[seen[0] if seen.size else index])
     finite = differences[np.isfinite(differences)]
     largest = float(finite.max()) if finite.size else math.inf
-    least = max(float(differences[begin]), 1e-300)
-    nearest = int(np.abs(run.time - times[index]).argmin())
-    return Growth(
-        time=float(times[index]),
-        place=tuple(run.position[nearest].tolist()),
-        factor=largest / least,
-    )
+    return float(times[index]), largest / max(least, 1e-300)

@@ -14,7 +14,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+import numpy as np
+
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.looks import has_kinks, is_steep
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -30,17 +33,14 @@ from fvi_cli.studies.tolerance.differences import (
     local_errors,
     perturb_start,
 )
-from fvi_cli.studies.tolerance.rounds import (
+from fvi_cli.studies.tolerance.runs import (
     COARSEST,
-    Round,
+    MOST_STEPS,
+    adaptive_runs,
     amplitude_of,
     first_local,
+    gauss,
     likely_amplitude,
-)
-from fvi_cli.studies.tolerance.runs import (
-    MOST_STEPS,
-    AdaptiveRuns,
-    run_on,
 )
 
 MOST_ROUNDS: Final = 10
@@ -106,24 +106,37 @@ def solve_by_two_runs(
     scene: Scene, wanted: Accuracy, *, log: Callable[[str], object] = lambda line: None
 ) -> tuple[Trajectory, Trajectory | None]:
     """As :func:`solve`, and the run that it is compared with; None: there is none."""
-    search = _Search(scene=scene, wanted=wanted, log=log)
-    run = search.result()
-    return run, None if search.given is None else search.given.other
+    return _Search(scene=scene, wanted=wanted, log=log).result()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Round:
+    """A run with its differences from another run, and the error estimated from them."""
+
+    run: Trajectory
+    other: Trajectory | None = None
+    times: Array = field(default_factory=lambda: np.zeros(1))
+    differences: Array = field(default_factory=lambda: np.array([math.inf]))
+    at_points: float = math.inf
+    between: float = math.inf
+
+    @property
+    def estimate(self) -> float:
+        """Estimated largest error at any time, a length; infinite where none is known."""
+        return max(self.at_points, self.between)
 
 
 @dataclass(kw_only=True, eq=False)
 class _Search:
-    """The state of a search: its rounds so far, of which the best is kept."""
+    """The state of a search: its runs so far, of which the best is kept."""
 
     scene: Scene
     wanted: Accuracy
     log: Callable[[str], object]
-    best: Round | None = None
-    given: Round | None = None  # the round of the result
+    best: _Round | None = None
     worst_since: float = 0.0
-    rounding: tuple[Array, Array] | None = None
+    rounding: tuple[Array, Array] | None = None  # times, and how far a change of the start moves
     lines: list[str] = field(default_factory=list)
-    guess: float = 0.0
 
     def target(self, amplitude: float) -> float:
         """The tolerance as a length, for a motion of this size."""
@@ -131,47 +144,34 @@ class _Search:
             return self.wanted.tolerance
         return (self.wanted.relative or 0.0) * amplitude
 
-    @property
-    def digits(self) -> float:
-        """Requested digits of the likely motion."""
-        target = self.target(self.guess)
-        return math.log10(max(self.guess, 1e-300) / target) if target > 0 else 0.0
-
-    def _note(self, one: Round) -> None:
-        self.lines.append(one.line)
-        self.log(one.line)
-        if self.best is None or one.estimate < self.best.estimate:
-            self.best, self.worst_since = one, 0.0
-        elif one.run.status == "ok":
-            # a later run that differs more shows that the agreement was an accident
-            self.worst_since = max(self.worst_since, one.at_points)
-
-    def result(self) -> Trajectory:
-        self.guess = likely_amplitude(self.scene)
-        degree = self.wanted.stages or (8 if self.digits <= FEW_DIGITS else 10)
-        local = first_local(self.target(self.guess), self.guess)
-        runs, finer = (
-            AdaptiveRuns(self.scene, one, max_step=self.wanted.max_step)
-            for one in (degree, degree + 2)
+    def result(self) -> tuple[Trajectory, Trajectory | None]:
+        scene, wanted = self.scene, self.wanted
+        guess = likely_amplitude(scene)
+        target = self.target(guess)
+        digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
+        degree = wanted.stages or (8 if digits <= FEW_DIGITS else 10)
+        local = first_local(target, guess)
+        first, second = (
+            adaptive_runs(scene, one, max_step=wanted.max_step) for one in (degree, degree + 2)
         )
         # on one mesh two runs may miss the same feature
-        is_rough, is_kinked = is_steep(self.scene), has_kinks(self.scene)
+        is_rough, is_kinked = is_steep(scene), has_kinks(scene)
         least_gain = BESIDE_KINKS if is_kinked else 1.0 if is_rough else LEAST_GAIN
-        before, still, failed, target = math.inf, 0, 0, 0.0
+        before, still, failed = math.inf, 0, 0
         for _ in range(MOST_ROUNDS):
             # what hides does not fall with the steps as other errors do
-            may_miss = MAY_MISS * (target or self.target(self.guess)) or math.inf
-            run = coarse = runs.run(local, may_miss=may_miss)
+            may_miss = MAY_MISS * target or math.inf
+            run = coarse = first(local, may_miss)
             words = f"Gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
             if coarse.status == "ok" and coarse.steps is not None:
-                mesh = coarse.steps.mesh(self.scene.break_points)
+                mesh = coarse.steps.mesh(scene.break_points)
                 if is_rough:
-                    run = finer.run(SECOND_RUN_FACTOR * local, may_miss=may_miss)
+                    run = second(SECOND_RUN_FACTOR * local, may_miss)
                 else:
-                    run = run_on(self.scene, degree + 2, mesh)
+                    run = integrate(scene, gauss(scene, degree + 2), mesh, with_steps=True)
                     run = replace(run, rejected=coarse.rejected)
             if run.status != "ok" or run.steps is None or coarse.steps is None:
-                self._note(Round(run=run, line=f"{words}; {run.status}: {run.message}"))
+                self._note(_Round(run=run), f"{words}; {run.status}: {run.message}")
                 failed += 1
                 if failed > 2 or coarse.n_steps >= MOST_STEPS:
                     break
@@ -179,26 +179,30 @@ class _Search:
                 continue
             amplitude = amplitude_of(run)
             target = self.target(amplitude)
-            is_probed = self.scene.is_linear or self.rounding is not None
+            is_probed = scene.is_linear or self.rounding is not None
             if not is_probed and target < PROBED * amplitude:
-                moved = run_on(perturb_start(self.scene, run), degree, mesh)
-                self.rounding = differences_of(coarse, moved)
+                other = perturb_start(scene, run)
+                beside = integrate(other, gauss(other, degree), mesh, with_steps=True)
+                self.rounding = differences_of(coarse, beside)
             gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)
-            if self.wanted.stages is None:
+            if wanted.stages is None:
                 one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
             else:
                 one = self._compared(run, coarse, 1.0, words)
-            self._note(one)
-            if amplitude == 0.0 and self.wanted.relative is not None:
-                return self._result(
-                    one, "refused", "relative: the motion stays at zero; give tolerance"
-                )
+            if amplitude == 0.0 and wanted.relative is not None:
+                reason = "relative: the motion stays at zero; give tolerance"
+                return self._ended(one, "refused", reason)
             if self.rounding is not None and self._rounded(run) > target:
-                return self._is_limited_by_rounding(one, target)
+                times, moved = self.rounding
+                lengths = ROUNDED * EPSILON / SHIFT * moved
+                growth = growth_of(times, lengths, amplitude, target)
+                reason = f"round-off itself is more than {target:.2g}"
+                end = f"the error is about {one.estimate:.2g}"
+                return self._unreliable(one, growth, reason, end)
             # runs that are dominated by round-off may agree by accident
             is_enough = still == 0 or is_kinked
             if one.estimate <= (target if is_enough else STALLED_SHARE * target):
-                return self._result(one, "met", "")
+                return self._ended(one, "met", "")
             factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
             if one.estimate > STILL * before:
                 # a small reduction may change nothing; if a large one does not help it is round-off
@@ -210,7 +214,16 @@ class _Search:
             local = min(max(SHRINKS_TO[0], factor) * local, COARSEST * amplitude or local)
         return self._given_up()
 
-    def _compared(self, other: Trajectory, run: Trajectory, gain: float, words: str) -> Round:
+    def _note(self, one: _Round, line: str) -> None:
+        self.lines.append(line)
+        self.log(line)
+        if self.best is None or one.estimate < self.best.estimate:
+            self.best, self.worst_since = one, 0.0
+        elif one.run.status == "ok":
+            # a later run that differs more shows that the agreement was an accident
+            self.worst_since = max(self.worst_since, one.at_points)
+
+    def _compared(self, other: Trajectory, run: Trajectory, gain: float, words: str) -> _Round:
         """A run with its error, the share `gain` of its difference from another run."""
         if run.steps is None:  # pragma: no cover - it was asked for
             raise ValueError("tolerance: a run without its polynomials")
@@ -219,78 +232,64 @@ class _Search:
         at_points = max(gain * difference, self._rounded(run))
         between = float(between_points(self.scene, run.steps).max())
         steps = "the same" if run.n_steps == other.n_steps else f"{run.n_steps}"
-        return Round(
+        one = _Round(
             run=run,
             other=other,
             times=times,
             differences=differences,
             at_points=at_points,
             between=between,
-            line=f"{words}, Gauss{run.steps.tables.degree} on {steps} differs by "
-            f"{difference:.2g}: errs by {at_points:.2g} at points, {between:.2g} between them",
         )
+        line = f"{words}, Gauss{run.steps.tables.degree} on {steps} differs by {difference:.2g}: "
+        self._note(one, f"{line}errs by {at_points:.2g} at points, {between:.2g} between them")
+        return one
 
     def _rounded(self, run: Trajectory) -> float:
         """Error at any time by round-off at the start, a length."""
-        own = ROUNDED * EPSILON
         grown = 0.0 if self.rounding is None else float(self.rounding[1].max()) / SHIFT
-        return own * max(amplitude_of(run), grown)
+        return ROUNDED * EPSILON * max(amplitude_of(run), grown)
 
-    def _is_limited_by_rounding(self, one: Round, target: float) -> Trajectory:
-        times, differences = self.rounding or (one.times, one.differences)
-        lengths = ROUNDED * EPSILON / SHIFT * differences
-        growth = growth_of(one.run, times, lengths, target)
-        reason = (
-            f"round-off itself is more than {target:.2g} {growth.where}: a change of the start "
-            f"grows by a factor of {growth.factor:.1e} in the run; the error is about "
-            f"{one.estimate:.2g}"
-        )
-        return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
-
-    def _given_up(self) -> Trajectory:
+    def _given_up(self) -> tuple[Trajectory, Trajectory | None]:
         """The best run, and why it is not good enough."""
         one = self.best
-        if one is None:  # pragma: no cover - a round is always made
+        if one is None:  # pragma: no cover - a run is always made
             raise ValueError("tolerance: no run was made")
-        run = one.run
-        if run.status != "ok":
-            return self._result(one, "refused", run.message)
-        target = self.target(one.amplitude)
+        if one.run.status != "ok":
+            return self._ended(one, "refused", one.run.message)
+        amplitude = amplitude_of(one.run)
+        target = self.target(amplitude)
         one = replace(one, at_points=max(one.at_points, self.worst_since))
         if one.estimate <= target:
             reason = (
                 f"the estimate {one.estimate:.2g} does not fall with the steps: it is round-off, "
                 f"too near to {target:.2g}"
             )
-            return self._result(one, "refused", reason)
-        growth = growth_of(run, one.times, one.differences, target)
+            return self._ended(one, "refused", reason)
+        growth = growth_of(one.times, one.differences, amplitude, target)
         reached = f"the best error reached is {one.estimate:.2g}, ask for that or more"
-        if growth.factor > SENSITIVE and float(one.differences.max()) > target:
-            reason = (
-                f"runs that should agree differ by more than {target:.2g} {growth.where}: their "
-                f"difference grows by a factor of {growth.factor:.1e} in the run; {reached}"
-            )
-            return self._result(one, "unreliable", reason, time=growth.time, place=growth.place)
-        return self._result(one, "refused", f"{target:.2g} is out of reach: {reached}")
+        if growth[1] > SENSITIVE and float(one.differences.max()) > target:
+            reason = f"runs that should agree differ by more than {target:.2g}"
+            return self._unreliable(one, growth, reason, reached)
+        return self._ended(one, "refused", f"{target:.2g} is out of reach: {reached}")
 
-    def _result(
-        self,
-        one: Round,
-        outcome: Outcome,
-        reason: str,
-        *,
-        time: float | None = None,
-        place: tuple[float, ...] | None = None,
-    ) -> Trajectory:
-        self.given = one
-        target = self.target(one.amplitude)
+    def _unreliable(
+        self, one: _Round, growth: tuple[float, float], reason: str, end: str
+    ) -> tuple[Trajectory, Trajectory | None]:
+        time, factor = growth
+        reason += f" from t = {time:.6g} on: a difference grows by a factor of {factor:.1e} in the "
+        return self._ended(one, "unreliable", f"{reason}run; {end}", time)
+
+    def _ended(
+        self, one: _Round, outcome: Outcome, reason: str, time: float | None = None
+    ) -> tuple[Trajectory, Trajectory | None]:
+        """The run with its assessment, and the run that it was compared with."""
+        target = self.target(amplitude_of(one.run))
         assessment = Assessment(
             outcome=outcome,
             tolerance=target if target > 0 else math.nan,
             estimate=one.estimate,
             reason=reason,
             time=time,
-            place=place,
             attempts=tuple(self.lines),
         )
-        return replace(one.run, assessment=assessment)
+        return replace(one.run, assessment=assessment), one.other

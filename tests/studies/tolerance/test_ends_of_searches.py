@@ -58,8 +58,8 @@ def test_a_search_whose_steps_run_out_makes_no_further_runs(
     scene = spring((0.5, 0.01), k=1.0, T=50.0, x=1.0)
     assert fvi.solve(scene, tolerance=1e-8).outcome == "met"
     monkeypatch.setattr(search, "MOST_STEPS", 12)
-    own = search.AdaptiveRuns
-    monkeypatch.setattr(search, "AdaptiveRuns", lambda *a, **k: own(*a, **k, most_steps=12))
+    own = search.adaptive_runs
+    monkeypatch.setattr(search, "adaptive_runs", lambda *a, **k: own(*a, **k, most_steps=12))
     run = fvi.solve(scene, tolerance=1e-8)
     assert run.outcome == "refused"
     assert run.assessment is not None

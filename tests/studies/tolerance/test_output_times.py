@@ -83,7 +83,7 @@ def largest_error(found: FinishedRun, known: VolterraSolution) -> float:
 
 def check(data: dict[str, object]) -> None:
     found, known = run(data), truth(data)
-    assert found.assurance.outcome == "met", data
+    assert found.trajectory.outcome == "met", data
     assert found.trajectory.time == pytest.approx(data["times"], rel=1e-14)
     assert largest_error(found, known) <= data["tolerance"] + known.error.max(), data
 
@@ -128,4 +128,4 @@ def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
     found = run_for_tolerance(search)
     assert found.error == pytest.approx(largest_error(found, known), rel=1e-3)
     assert found.error > 1e-6
-    assert found.assurance.outcome == "unreliable"
+    assert found.trajectory.outcome == "unreliable"

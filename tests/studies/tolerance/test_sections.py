@@ -66,7 +66,7 @@ def run(data: dict[str, object]) -> FinishedRun:
 
 def check(data: dict[str, object]) -> None:
     found = run(data)
-    assert found.assurance.outcome == "met", data
+    assert found.trajectory.outcome == "met", data
     seen, times = found.trajectory.observed.events["period"], expected_times(data)
     assert seen.time.shape == times.shape, data
     assert np.abs(seen.time - times).max() < 1e-12 * data["final_time"]

@@ -12,7 +12,7 @@ from oracles.linear_response import match_scene
 import fvi_cli as fvi
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.scenes.data import kepler
-from fvi_cli.studies.tolerance.rounds import likely_amplitude
+from fvi_cli.studies.tolerance.runs import likely_amplitude
 
 Array = np.ndarray
 CONFIGS = Path(__file__).parents[3] / "configs"
