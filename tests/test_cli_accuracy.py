@@ -83,8 +83,7 @@ def test_starter_files_show_the_key(fvi):
     assert "or accuracy: {tolerance: 1e-8}" in text
     ladder = text[text.index("\nladder: ") :].split("\n")[1]
     method = text[text.index("\nmethod: ") :].split("\n")[1]
-    changed = text.replace(ladder, "").replace(method, "")
-    changed = changed.replace("# accuracy:", "accuracy:")
+    changed = text.replace(ladder, ladder.partition("# or ")[2]).replace(method, "")
     (experiment,) = parse_config(changed, "mine.yaml").experiments
     assert experiment.needs_search
 

@@ -157,4 +157,4 @@ def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):
         assert (run.reference == "none, as asked for") != computed
         assert math.isnan(fvi.order_tables([outcome])[0].cases[0].rows[0].error) != computed
         names = {one.partition("-")[2] for one in fvi.figures([outcome])}
-        assert names == {"trajectory", "energy"} | ({"error"} if computed else set())
+        assert names == {"trajectory", "energy"}

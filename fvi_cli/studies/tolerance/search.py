@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from pydantic import ValidationError
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
@@ -22,6 +23,7 @@ from fvi_cli.integrator.meshes.looks import has_kinks, is_steep
 from fvi_cli.integrator.trajectory import Assessment, Outcome, Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
+from fvi_cli.scenes.keys.mistakes import first_mistake
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.tolerance.differences import (
     EPSILON,
@@ -97,7 +99,11 @@ def solve(
     ValueError
         If not exactly one of the two is given, or one is not a positive number.
     """
-    wanted = Accuracy(tolerance=tolerance, relative=relative, max_step=max_step)
+    given = {"tolerance": tolerance, "relative": relative, "max_step": max_step}
+    try:
+        wanted = Accuracy.model_validate(given)
+    except ValidationError as error:
+        raise first_mistake(error, given, Accuracy) from None
     return solve_by_two_runs(scene, wanted, log=log)[0]
 
 
