@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, method_columns
-from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.scenes.registry import build_scene
+from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
+from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.members import Member, with_values
 from fvi_cli.studies.norms import Norm
@@ -61,7 +60,7 @@ class OrderCase:
     def slope(self) -> float:
         """Least-squares slope of log(error) against log(h); nan with fewer than two rows."""
         used = [row for row in self.rows if row.used_in_fit]
-        return fit_slope([row.n_steps for row in used], [row.error for row in used])[0]
+        return fit_slope([row.n_steps for row in used], [row.error for row in used])
 
     def pairwise_order(self, index: int) -> float:
         """log(e_previous / e) / log(N / N_previous) of a row.
@@ -130,20 +129,14 @@ def tables_of_members(experiment: Experiment, finished: Iterable[FinishedRun]) -
 
 def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> OrderTable:
     """The table of all finished runs of `experiment`, in the order of its methods."""
-    runs = list(finished)
+    runs = sorted(finished, key=lambda one: one.run.n_steps)
     cases = []
     for method in experiment.methods:
-        own = [run for run in runs if run.run.method == method]
-        own.sort(key=lambda run: run.run.n_steps)
+        rows = tuple(_row(one) for one in runs if one.run.method == method)
         claim = experiment.claim(method)
-        if own:
-            cases.append(
-                OrderCase(
-                    method=method,
-                    rows=tuple(map(_row, own)),
-                    claim=math.nan if claim is None else claim,
-                )
-            )
+        if rows:
+            known = math.nan if claim is None else claim
+            cases.append(OrderCase(method=method, rows=rows, claim=known))
     problem = experiment.problem
     return OrderTable(
         experiment=experiment.name,
@@ -173,26 +166,22 @@ def _row(finished: FinishedRun) -> OrderRow:
 
 def damping_orders(source: Experiment | Member) -> str:
     """Orders of the damping terms, joined by ``;``."""
-    if isinstance(source, Member):
-        # most sweeps are over values that change no order: one scene stands for all members
-        values = {k: v for k, v in source.values.items() if not k.endswith(WITHOUT_ORDERS)}
-        return _orders_of_member(source.template, json.dumps(values))
-    if isinstance(source.problem, DerivativeProblem):
-        return f"{source.problem.order:.15g}"
-    return _orders_of(source.problem.scene)
+    if isinstance(source, Experiment):
+        return _orders_of(source.problem)
+    # most sweeps are over values that change no order: one problem stands for all members
+    values = {k: v for k, v in source.values.items() if not k.endswith(WITHOUT_ORDERS)}
+    return _orders_of_member(source.template, json.dumps(values))
 
 
 @functools.lru_cache(maxsize=1024)
 def _orders_of_member(template: str, values: str) -> str:
-    specification = with_values(json.loads(template), json.loads(values))
-    if specification["kind"] == "fractional-derivative":
-        return f"{specification['order']:.15g}"
-    # the scene alone: building the problem would search for a closed form
-    return _orders_of(build_scene(specification))
+    return _orders_of(build_problem(with_values(json.loads(template), json.loads(values))))
 
 
-def _orders_of(scene: Scene) -> str:
-    return ";".join(f"{term.order:.15g}" for term in scene.damping)
+def _orders_of(problem: AnyProblem) -> str:
+    if isinstance(problem, DerivativeProblem):
+        return f"{problem.order:.15g}"
+    return ";".join(f"{term.order:.15g}" for term in problem.scene.damping)
 
 
 def pairwise_order(coarse: float, fine: float, n_coarse: int, n_fine: int) -> float:
@@ -202,15 +191,8 @@ def pairwise_order(coarse: float, fine: float, n_coarse: int, n_fine: int) -> fl
     return math.log(coarse / fine) / math.log(n_fine / n_coarse)
 
 
-def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> tuple[float, float]:
-    """Least-squares slope of log(error) against log(1/N) and the rms residual in log10.
-
-    Nan, nan with fewer than two points.
-    """
+def fit_slope(n_steps: Iterable[int], errors: Iterable[float]) -> float:
+    """Least-squares slope of log(error) against log(1/N); nan with fewer than two points."""
     abscissa = -np.log10(np.array(list(n_steps), dtype=float))
     ordinate = np.log10(np.array(list(errors), dtype=float))
-    if abscissa.size < 2:
-        return math.nan, math.nan
-    slope, intercept = np.polyfit(abscissa, ordinate, 1)
-    residual = ordinate - (slope * abscissa + intercept)
-    return float(slope), float(np.sqrt(np.mean(residual**2)))
+    return float(np.polyfit(abscissa, ordinate, 1)[0]) if abscissa.size > 1 else math.nan

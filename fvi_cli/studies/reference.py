@@ -14,11 +14,10 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.meshes.looks import is_steep
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import Experiment, Run, Subject
-from fvi_cli.studies.members import Member, members_at_a_time
+from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import round_up
 from fvi_cli.studies.tolerance.runs import adaptive_runs, likely_amplitude
 
@@ -143,7 +142,7 @@ def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
     if problem.scene is not None and experiment.observations.impacts:
         return _unknown(problem.scene, "none (a motion with impacts)")
     if member is not None and problem.exact is not None:
-        return _exact(problem, problem.exact)
+        return Reference(values=problem.exact, error=0.0, source=problem.exact_source)
     return find_reference(problem)
 
 
@@ -170,25 +169,22 @@ def find_references(problems: Sequence[AnyProblem]) -> list[Reference]:
 
 def _reference(problem: AnyProblem, difference: float | None) -> Reference:
     """The exact solution unless runs contradict it by a `difference`, else a refined run."""
-    exact, scene = problem.exact, problem.scene
-    if exact is not None and (scene is None or difference is None):
-        return _exact(problem, exact)
+    exact, scene, source = problem.exact, problem.scene, problem.exact_source
+    known = None if exact is None else Reference(values=exact, error=0.0, source=source)
+    if known is not None and (scene is None or difference is None):
+        return known
     if scene is None:
         raise ValueError("reference: a derivative needs its exact value")
-    if exact is None and problem.exact_source == "none":
+    if known is None and source == "none":
         return _unknown(scene, "none, as asked for")
     refined = _refined(scene)
-    if exact is None or difference is None:
-        why = problem.exact_source
-    elif not ERROR_FACTOR * refined.error < difference:
-        return _exact(problem, exact)
-    else:
-        why = f"the exact solution differs from it by {difference:.0e}"
-    return refined if why == "unknown" else replace(refined, source=f"{refined.source}; {why}")
-
-
-def _exact(problem: AnyProblem, exact: Callable[[Array], Array]) -> Reference:
-    return Reference(values=exact, error=0.0, source=problem.exact_source)
+    if known is not None and difference is not None:
+        if not ERROR_FACTOR * refined.error < difference:
+            return known
+        source = f"the exact solution differs from it by {difference:.0e}"
+    elif source == "unknown":
+        return refined
+    return replace(refined, source=f"{refined.source}; {source}")
 
 
 def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
@@ -199,7 +195,7 @@ def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
     """
     held = {k: one for k, one in enumerate(problems) if isinstance(one, Problem) and one.exact}
     scenes = [one.scene for one in held.values()]
-    pairs = (_members(scenes, n_steps, with_steps=True) for n_steps in CHECK_STEPS)
+    pairs = (integrate_members(scenes, CHECK_METHOD, n, with_steps=True) for n in CHECK_STEPS)
     found: dict[int, float] = {}
     for (k, problem), coarse, fine in zip(held.items(), *pairs, strict=True):
         if problem.exact is None or fine.steps is None or {coarse.status, fine.status} != {"ok"}:
@@ -215,60 +211,33 @@ def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
 
 def _unknown(scene: Scene, source: str) -> Reference:
     """A reference without values, with the reason."""
-    dimension = scene.dimension
-    return Reference(
-        values=lambda times: np.full((times.size, dimension), np.nan),
-        error=math.nan,
-        source=source,
-    )
 
+    def values(times: Array) -> Array:
+        return np.full((times.size, scene.dimension), np.nan)
 
-def _without_end(scene: Scene, run: Trajectory) -> Reference:
-    """A reference without values, since its run does not reach the end."""
-    words = f"the refined run {run.status}: {run.message}"
-    return _unknown(scene, f"{WITHOUT_END}, and {words})")
-
-
-def _in_words(error: float, scale: float) -> str:
-    """A bound on the error in words, so loose that round-off does not change it."""
-    bound = max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300)
-    return f"estimated error below {round_up(bound)}"
+    return Reference(values=values, error=math.nan, source=source)
 
 
 def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
     scale = likely_amplitude(scene) or 1.0
-    is_rough = is_steep(scene)
     better, worse = (adaptive_runs(scene, degree, most_steps=MOST_STEPS) for degree in (8, 10))
+    # beside kinks two runs may agree by accident
+    factors = (3.0, 10.0) if is_steep(scene) else (3.0,)
     for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
-        runs = [better(tolerance * scale), worse(3.0 * tolerance * scale)]
-        if is_rough:
-            # beside kinks two runs may agree by accident
-            runs.append(worse(10.0 * tolerance * scale))
+        runs = [better(tolerance * scale), *(worse(f * tolerance * scale) for f in factors)]
         last = next((run for run in runs if run.status != "ok"), runs[0])
         if last.status != "ok":
             continue
-        fine, *others = (run.steps for run in runs if run.steps is not None)
         scale = float(np.abs(last.position).max()) or scale
         if tolerance == SCALE_TOLERANCE:
             continue
+        fine, *others = (run.steps for run in runs if run.steps is not None)
         times = np.unique(np.concatenate([fine.time, *(one.time for one in others)]))
-        difference = max(float(np.abs(fine(times) - one(times)).max()) for one in others)
-        words = f"gauss-s8-none, adaptive steps, {_in_words(difference, scale)}"
-        source = f"refined run ({words})"
-        return Reference(values=fine, error=difference, source=source)
-    return _without_end(scene, last)
-
-
-def _members(
-    scenes: Sequence[Scene], n_steps: int, *, with_steps: bool = False
-) -> list[Trajectory]:
-    """Positions of runs on equal steps, as many together as memory allows."""
-    found: list[Trajectory] = []
-    size = members_at_a_time(n_steps, max((scene.dimension for scene in scenes), default=1))
-    for start in range(0, len(scenes), size):
-        together = integrate_members(
-            scenes[start : start + size], CHECK_METHOD, n_steps, with_steps=with_steps
-        )
-        found += [replace(run, momentum=None, energy=None) for run in together]
-    return found
+        error = max(float(np.abs(fine(times) - one(times)).max()) for one in others)
+        # so loose that round-off does not change the words
+        bound = round_up(max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300))
+        words = f"gauss-s8-none, adaptive steps, estimated error below {bound}"
+        return Reference(values=fine, error=error, source=f"refined run ({words})")
+    reason = f"the refined run {last.status}: {last.message}"
+    return _unknown(scene, f"{WITHOUT_END}, and {reason})")
