@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Literal, TypeVar, get_args
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,7 +41,6 @@ FigureKind = Literal[
     "hysteresis",
     "spectrum",
 ]
-FIGURE_KINDS: tuple[str, ...] = get_args(FigureKind)
 """Kinds of figures that ``Experiment.figures`` may name."""
 UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
 """Keys of ``units`` other than names of coordinates and quantities."""

@@ -79,20 +79,13 @@ def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
     return deformation[:, value.component], observed.quantities[name]
 
 
-def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | None:
-    """The loop between the last two rises of the deformation through the middle of its range.
+def loops_of(time: Array, deformation: Array, force: Array) -> dict[str, DamperLoop]:
+    """The last loop, and the widest one where that is wider; empty where there is no loop.
 
-    Between the points both are cubic polynomials. Loops of less than a thousandth of the range,
-    such as round-off at rest, do not count; None where there is no other. With too few points the
-    numbers are nan. A stiffness below the error of the run is 0, its loss factor infinite.
-    """
-    return last_and_largest_loop(time, deformation, force).get(LAST)
-
-
-def last_and_largest_loop(time: Array, deformation: Array, force: Array) -> dict[str, DamperLoop]:
-    """:func:`last_loop`, and the same of the widest loop where that is wider.
-
-    Keys are :data:`LAST` and :data:`LARGEST`; empty where there is no loop.
+    A loop lies between two rises of the deformation through the middle of its range; between the
+    points both are cubic polynomials. Loops of less than a thousandth of the range, such as
+    round-off at rest, do not count. With too few points the numbers are nan. A stiffness below the
+    error of the run is 0, its loss factor infinite. Keys are :data:`LAST` and :data:`LARGEST`.
     """
     finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
     t, y, f = time[finite], deformation[finite], force[finite]

@@ -13,10 +13,7 @@ import numpy as np
 from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.stability.prediction import (
-    StabilityPrediction,
-    predict_stability,
-)
+from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict_stability
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -140,29 +137,19 @@ def assessed(
         round_off=100.0 * EPSILON * math.sqrt(run.n_steps),
         reference=reference.error,
     )
+    remarks = _remarks(run, trajectory, prediction)
+    if reference.source.startswith(WITHOUT_END):
+        remarks += (f"error: not known, reference: {reference.source}",)
+    coordinates = run.problem.coordinates
     return FinishedRun(
         run=run,
-        trajectory=replace(
-            found,
-            on_mesh=None,
-            remarks=(
-                *_remarks(run, trajectory, prediction),
-                *_unknown_error(reference),
-            ),
-            coordinates=run.problem.coordinates,
-        ),
+        trajectory=replace(found, on_mesh=None, remarks=remarks, coordinates=coordinates),
         **judged(run, trajectory.status, measured),
         predicted=prediction.verdict,
         expected_order=expected_order_of(run),
         reference=reference.source,
         measured=measured,
     )
-
-
-def _unknown_error(reference: Reference) -> tuple[str, ...]:
-    """A remark where the refined run did not reach the end, so that the error is unknown."""
-    is_lost = reference.source.startswith(WITHOUT_END)
-    return (f"error: not known, reference: {reference.source}",) if is_lost else ()
 
 
 def _remarks(run: Run, trajectory: Trajectory, prediction: StabilityPrediction) -> tuple[str, ...]:
@@ -198,6 +185,4 @@ def judged(run: Run, status: Status, measured: Measured) -> dict[str, Any]:
 def expected_order_of(run: Run) -> float:
     """Order on smooth data; nan where it is not to be expected."""
     scene = run.problem.scene
-    if scene is None:
-        return float("nan")
-    return order_on(scene, run.method, run.experiment.grading)
+    return math.nan if scene is None else order_on(scene, run.method, run.experiment.grading)

@@ -10,10 +10,10 @@ from spread import spread
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.studies.loops import (
+    LAST,
     LEAST_POINTS,
     deformation_against,
-    last_and_largest_loop,
-    last_loop,
+    loops_of,
 )
 
 ORDERS = [0.05, 0.5, 0.99, 0.999, 1.001, 1.5, *np.random.default_rng(5).uniform(0.02, 0.98, 6)]
@@ -39,7 +39,7 @@ def test_of_many_points_loops_have_their_closed_form_at_any_order(order):
     rng, worst = np.random.default_rng(11), 0.0
     for _ in range(5):
         motion, (stiffness, loss_factor, work) = steady(rng, order, rng.uniform(500, 700))
-        loop = last_loop(*motion)
+        loop = loops_of(*motion).get(LAST)
         assert loop.stiffness == pytest.approx(stiffness, rel=1e-4)
         assert loop.loss_factor == pytest.approx(loss_factor, rel=1e-4)
         assert loop.work == pytest.approx(work, rel=2e-6)
@@ -58,7 +58,7 @@ def test_of_few_points_a_number_is_near_or_not_given(order):
     for _ in range(40):
         points = rng.uniform(3, 60)
         motion, (stiffness, loss_factor, work) = steady(rng, order, points)
-        loop = last_loop(*motion)
+        loop = loops_of(*motion).get(LAST)
         if points < LEAST_POINTS - 1:
             assert loop is None or math.isnan(loop.stiffness)
         if loop is None or math.isnan(loop.stiffness):
@@ -77,11 +77,11 @@ def test_a_viscous_damper_has_no_stiffness_and_one_without_force_no_loss_factor(
     rng = np.random.default_rng(13)
     for _ in range(10):
         motion, (_, _, work) = steady(rng, 1.0, points)
-        loop = last_loop(*motion)
+        loop = loops_of(*motion).get(LAST)
         assert (loop.stiffness, loop.loss_factor) == (0.0, math.inf)
         assert loop.work == pytest.approx(work, rel=2e-3)
         time, deformation, _ = motion
-        assert math.isnan(last_loop(time, deformation, 0 * time).loss_factor)
+        assert math.isnan(loops_of(time, deformation, 0 * time)[LAST].loss_factor)
 
 
 TEXT = """\
@@ -110,7 +110,7 @@ def test_what_coarse_runs_do_not_know_is_not_given(steps, tmp_path):
 def test_with_points_between_its_steps_a_run_has_the_loop_of_its_law():
     (outcome,) = fvi.run(parse_config(TEXT.replace("STEPS", "600"), "a"))
     (item,) = outcome.finished
-    loop = last_loop(item.trajectory.time, *deformation_against(item, "force"))
+    loop = loops_of(item.trajectory.time, *deformation_against(item, "force")).get(LAST)
     modulus = 100 * (2j * np.pi) ** 0.5
     # the start dies away
     assert loop.stiffness == pytest.approx(modulus.real, rel=5e-3)
@@ -139,10 +139,9 @@ def test_the_largest_loop_stands_beside_the_last_where_it_is_another(sizes):
             strict=True,
         )
     )
-    found = last_and_largest_loop(t, y, f)
+    found = loops_of(t, y, f)
     assert list(found) == (["last"] if sizes[-1] == max(sizes) else ["last", "largest"])
     assert found["last"].amplitude == pytest.approx(sizes[-1], rel=1e-3)
-    assert found["last"] == last_loop(t, y, f)
     if "largest" in found:
         largest = found["largest"]
         assert largest.amplitude == pytest.approx(3.0, rel=1e-3)

@@ -28,7 +28,7 @@ from fvi_cli.plotting.words import (
 )
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
-from fvi_cli.studies.loops import deformation_against, forces_of, last_and_largest_loop
+from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
 
 Series = tuple[str, Occurrences]
 _MANY = 200  # from this number on points are small
@@ -148,7 +148,7 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 def _loops(time: Array, x: Array, y: Array) -> list[Curve]:
     """The loops that the table of quantities reports, above the whole motion."""
     curves = []
-    for place, (word, loop) in enumerate(last_and_largest_loop(time, x, y).items()):
+    for place, (word, loop) in enumerate(loops_of(time, x, y).items()):
         inside = time[(time > loop.begin) & (time < loop.end)]
         whole = np.array([loop.begin, *inside, loop.end])
         look = Look(colour=COLOURS[1 - place], width=1.6)

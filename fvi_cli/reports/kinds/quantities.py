@@ -18,7 +18,7 @@ from fvi_cli.studies.loops import (
     DamperLoop,
     deformation_against,
     forces_of,
-    last_and_largest_loop,
+    loops_of,
 )
 from fvi_cli.studies.members import label_of
 from fvi_cli.studies.peak_errors import with_peak_errors
@@ -140,7 +140,7 @@ def _loops(one: FinishedRun, observed: Observed) -> Iterator[tuple[str, str, Dam
     for name in forces_of(one.run.experiment):
         if name in observed.quantities:
             motion = deformation_against(one, name)
-            for word, loop in last_and_largest_loop(one.trajectory.time, *motion).items():
+            for word, loop in loops_of(one.trajectory.time, *motion).items():
                 yield name, word, loop
 
 

@@ -13,7 +13,7 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
+from fvi_cli.studies.loops import LAST, deformation_against, forces_of, loops_of
 
 
 def of_ramp(order: float, b: float, t: float) -> mpmath.mpf:
@@ -129,7 +129,7 @@ def test_the_steady_loop_of_a_law_has_its_complex_stiffness(tmp_path):
     moduli["force"] = moduli["one"] + moduli["other"]
     assert set(forces_of(item.run.experiment)) == set(moduli)
     for name, modulus in moduli.items():
-        loop = last_loop(item.trajectory.time, *deformation_against(item, name))
+        loop = loops_of(item.trajectory.time, *deformation_against(item, name)).get(LAST)
         # the start dies away like t**-0.6
         assert loop.stiffness == pytest.approx(modulus.real, rel=2e-3)
         assert loop.loss_factor == pytest.approx(modulus.imag / modulus.real, rel=2e-3)
@@ -156,7 +156,7 @@ def test_a_displacement_that_returns_to_zero_is_followed(tmp_path):
     config = on_samples(law, times, values, tmp_path, ladder="{steps: [600]}")
     (outcome,) = fvi.run(parse_config(config, str(tmp_path / "a.yaml")))
     (item,) = outcome.finished
-    loop = last_loop(item.trajectory.time, *deformation_against(item, "force"))
+    loop = loops_of(item.trajectory.time, *deformation_against(item, "force")).get(LAST)
     assert loop.amplitude == pytest.approx(1.0, rel=1e-3)
     assert 2 * np.pi - 0.1 < loop.end < 3 * np.pi + 0.1
     rest = item.trajectory.observed.quantities["force"][times > 10.0]
