@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 import fvi_cli
 from fvi_cli.cli.app import app
-from fvi_cli.integrator.observe import observe
 from fvi_cli.runner import progress, request
 from fvi_cli.storage import identity
 from fvi_cli.storage.identity import SOLVER_VERSION
+from fvi_cli.studies import study
 from fvi_cli.studies.tolerance import runs as tolerance_runs
 
 QUICK = LADDER.replace("1, 2, 3]", "1, 2]").replace("16, 24, 32, 48]", "16, 32]")
@@ -71,7 +71,7 @@ def test_help_names_every_command_and_version_the_version():
     done = in_a_process("--help")
     assert done.returncode == 0
     for command in ("run", "convergence", "plot", "check", "show", "new"):
-        assert re.search(rf"^  {command} ", done.stdout, re.MULTILINE)
+        assert re.search(rf"^. {command} ", done.stdout, re.MULTILINE)
         fvi(command, "--help", code=0)
     assert fvi("--version", code=0).stdout == f"fvi {fvi_cli.__version__}\n"
 
@@ -106,7 +106,7 @@ def test_a_mistake_of_the_program_costs_the_run_that_it_happens_in(folder, monke
 
         return made_up
 
-    for module, name in ((observe, "integrate"), (tolerance_runs, "engine_for")):
+    for module, name in ((study, "integrate_members"), (tolerance_runs, "engine_for")):
         monkeypatch.setattr(module, name, mistaken(getattr(module, name)))
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml", code=1)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import Counter
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from fvi_cli.cli.app import GROUPS, app
+from fvi_cli.cli.app import COMMANDS, app
 from fvi_cli.config import configuration_reference
 from fvi_cli.storage.fields import AXES, FIELDS
 
@@ -27,7 +28,7 @@ def commands() -> str:
     count = Counter(row for rows in options.values() for row in rows)
     lines = ["", "| option of several commands | effect |", "|---|---|"]
     lines += [row for row, number in count.items() if number >= COMMON]
-    for group, members in GROUPS.items():
+    for group, members in itertools.groupby(COMMANDS, key=lambda one: one.panel):
         lines += ["", f"## {group}"]
         for member in members:
             command, rows = known[member.name], options[member.name]
@@ -37,12 +38,10 @@ def commands() -> str:
             helped = [f"- `{_called(one)}`: {one.help}" for one in arguments if one.help]
             own = [row for row in rows if count[row] < COMMON]
             common = [row.split("`")[1].split()[0].rstrip(",") for row in rows if row not in own]
-            examples = [one.strip() for one in (command.epilog or "").splitlines()]
-            shown = [one for one in examples if one.startswith("fvi ")]
             lines += ["", *helped] if helped else []
             lines += ["", "| option | effect |", "|---|---|", *own] if own else []
             lines += ["", f"Also: {', '.join(f'`{one}`' for one in common)}."] if common else []
-            lines += ["", "```sh", *shown, "```"] if shown else []
+            lines += ["", "```sh", *member.examples, "```"] if member.examples else []
     return "\n".join([*lines, "", ""])
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import functools
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -15,15 +15,14 @@ if TYPE_CHECKING:
     from fvi_cli.runner.request import Request
     from fvi_cli.studies.fits.result import FitResult
 
+COMPUTE, LINEAR = "Compute", "Linear structures"
+
 
 @command(
+    COMPUTE,
     *COMPUTED,
     "shard",
-    examples="""
-    fvi run damped-oscillator
-    fvi run mine.yaml -j 4 --set problem.stiffness=2
-    fvi run mine.yaml --dry-run
-    """,
+    examples=("fvi run damped-oscillator", "fvi run mine.yaml -j 4 --set problem.stiffness=2"),
 )
 def run(
     call: Call,
@@ -33,29 +32,22 @@ def run(
     ] = False,
 ) -> int:
     """Compute every method of a configuration on every step size; store what comes out."""
-    from fvi_cli.render.results import json_rows
+    from fvi_cli.render.json import finished_run
     from fvi_cli.render.runs import runs_as_text
-    from fvi_cli.runner.compute import run as compute_runs
 
-    def show(outcomes: list[Outcome], request: Request) -> None:
-        path = request.stored or call.output / f"{request.name}.h5"
-        call.files.append(path)
+    def show(request: Request, outcomes: list[Outcome]) -> None:
         if call.json:
-            call.collect(json_rows(outcomes))
+            finished = [one for outcome in outcomes for one in outcome.finished]
+            call.collect({"runs": list(map(finished_run, finished))})
         else:
-            print(runs_as_text(outcomes, every_member=call.verbose), path, sep="\n")
+            print(runs_as_text(outcomes, every_member=call.verbose))
+        call.wrote([request.stored or call.output / f"{request.name}.h5"])
 
-    call.gather(sources)
-    return call.each(compute_runs, show, keeps_motions=False, prune=prune)
+    call.gather(sources, stores_runs=True)
+    return call.each(functools.partial(call.runs, prune=prune, keeps_motions=False), show)
 
 
-@command(
-    *CONFIGURED,
-    examples="""
-    fvi cost damped-oscillator
-    fvi cost mine.yaml --set 'ladder.steps=[64, 128, 256]' --repeats 9
-    """,
-)
+@command(COMPUTE, *CONFIGURED, examples=("fvi cost damped-oscillator --repeats 9",))
 def cost(
     call: Call,
     configs: Configs,
@@ -67,35 +59,22 @@ def cost(
     from fvi_cli.runner.cost import cost as measure
     from fvi_cli.runner.cost import cost_tasks, measurable
 
-    call.requests = measurable(call.gather(configs))
-    return call.each(measure, tasks=cost_tasks, repeats=repeats)
+    measurable(call.gather(configs))
+    compute = functools.partial(measure, repeats=repeats, progress=not call.quiet)
+    return call.each(compute, tasks=cost_tasks)
 
 
-@command(
-    *CONFIGURED,
-    "check",
-    examples="fvi stability stability-bagley-torvik",
-)
-def stability(
-    call: Call,
-    configs: Configs,
-) -> int:
+@command(COMPUTE, *CONFIGURED, "check", examples=("fvi stability stability-bagley-torvik",))
+def stability(call: Call, configs: Configs) -> int:
     """Predict the stability of every method over steps and parameters."""
     from fvi_cli.runner.stability import stability as study
     from fvi_cli.runner.stability import stability_tasks
 
     call.gather(configs)
-    return call.each(study, tasks=stability_tasks)
+    return call.each(functools.partial(study, progress=not call.quiet), tasks=stability_tasks)
 
 
-@command(
-    *CONFIGURED,
-    "check",
-    examples="""
-    fvi fit fit-response
-    fvi fit mine.yaml --set 'fit.parameters={problem.stiffness: {from: 1, to: 10}}'
-    """,
-)
+@command(COMPUTE, *CONFIGURED, "check", examples=("fvi fit fit-response",))
 def fit(call: Call, configs: Configs) -> int:
     """Fit numbers of a problem to measured motions, with confidence intervals.
 
@@ -105,14 +84,16 @@ def fit(call: Call, configs: Configs) -> int:
     from fvi_cli.runner.fit import fit as fit_to
     from fvi_cli.runner.fit import fit_tasks, write_fitted
 
-    def show(results: list[FitResult], request: Request) -> None:
-        call.show(results, request, also=lambda: write_fitted(request, results, call.output))
+    def show(request: Request, results: list[FitResult]) -> None:
+        call.show(request, results)
+        if not call.check:
+            call.wrote(write_fitted(request, results, call.output))
 
     call.gather(configs)
-    return call.each(fit_to, show, tasks=fit_tasks)
+    return call.each(functools.partial(fit_to, progress=not call.quiet), show, tasks=fit_tasks)
 
 
-@command(*CONFIGURED, "check", examples="fvi modes ten-storeys --count 4")
+@command(LINEAR, *CONFIGURED, "check", examples=("fvi modes ten-storeys --count 4",))
 def modes(
     call: Call,
     configs: Configs,
@@ -136,13 +117,14 @@ def modes(
 
     call.gather(configs)
     tasks = functools.partial(linear_tasks, action="modes")
-    return call.each(compute_modes, tasks=tasks, count=count, near=near)
+    return call.each(functools.partial(compute_modes, count=count, near=near), tasks=tasks)
 
 
 @command(
+    LINEAR,
     *CONFIGURED,
     "check",
-    examples="fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",
+    examples=("fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",),
 )
 def response(
     call: Call,
@@ -181,6 +163,7 @@ def response(
     # report mistakes in it before configurations are read
     frequencies(frequency)
     call.gather(configs)
-    tasks = functools.partial(linear_tasks, action="response")
-    options: dict[str, Any] = {"frequency": frequency, "force": force or (), "at": at or ()}
-    return call.each(compute_response, tasks=tasks, **options)
+    compute = functools.partial(
+        compute_response, frequency=frequency, force=force or (), at=at or ()
+    )
+    return call.each(compute, tasks=functools.partial(linear_tasks, action="response"))

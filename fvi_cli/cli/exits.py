@@ -7,13 +7,12 @@ everything else.
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import logging
 import os
 import sys
 import traceback
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import ParamSpec
 
 import typer
@@ -30,58 +29,46 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
 
     @functools.wraps(command)
     def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
-        verbose = bool(kwargs.get("verbose"))
         from fvi_cli.runner.progress import configure_logging
 
-        level = logging.DEBUG if verbose else logging.INFO
-        configure_logging(logging.ERROR if kwargs.get("quiet") else level)
+        quiet, verbose = bool(kwargs.get("quiet")), bool(kwargs.get("verbose"))
+        configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
         try:
             code = command(*args, **kwargs)
             sys.stdout.flush()
-        except RequestError as error:
-            # as they are: the line may begin with file:line:column, as editors understand it
-            _say(*error.complaints)
-            code = WRONG_REQUEST
-        except FviError as error:
-            _say(f"fvi: {error}")
-            code = WRONG_REQUEST
-        except KeyboardInterrupt:
-            stored = "; finished runs are stored; rerun the command to resume"
-            _say(f"fvi: interrupted{stored if _keeps_runs(kwargs) else ''}")
-            code = INTERRUPTED
-        except MemoryError as error:
-            detail = f": {error}" if str(error) else ""
-            stored = "; finished runs are stored" if _keeps_runs(kwargs) else ""
-            _say(f"fvi: not enough memory{detail}{stored}")
-            code = RUN_FAILED
         except BrokenPipeError:
             # the reader of the pipe has ended; the interpreter would complain once more at exit
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = DONE
-        except OSError as error:
-            # a folder that is not there, a full disk, no permission
-            place = f"{error.filename}: " if error.filename else ""
-            _say(f"fvi: {place}{error.strerror or error}")
-            code = WRONG_REQUEST
-        except Exception as error:
-            # the last line of defence: users see a traceback only if they ask for it
-            if verbose:
+        except (Exception, KeyboardInterrupt) as error:
+            if verbose and not isinstance(error, FviError | KeyboardInterrupt):
                 traceback.print_exc()
-            _say(f"fvi: unexpected {type(error).__name__}: {error}")
-            if not verbose:
-                _say("fvi: this is a mistake of the program; -v shows where it happened")
-            code = RUN_FAILED
+            code, lines = _ending(error)
+            if "fresh" in kwargs and isinstance(error, KeyboardInterrupt | MemoryError):
+                lines = [f"{lines[0]}; finished runs are stored; rerun the command to resume"]
+            print(*lines, sep="\n", file=sys.stderr)
         raise typer.Exit(code)
 
     return wrapped
 
 
-def _keeps_runs(options: Mapping[str, object]) -> bool:
-    """Whether the command stores runs: those that do have the option ``--fresh``."""
-    return "fresh" in options and not options.get("check") and not options.get("dry_run")
-
-
-def _say(*lines: str) -> None:
-    for line in lines:
-        with contextlib.suppress(OSError):
-            print(line, file=sys.stderr)
+def _ending(error: BaseException) -> tuple[int, list[str]]:
+    """The exit code of an exception, and what is said."""
+    match error:
+        case RequestError():
+            # as they are: the line may begin with file:line:column, as editors understand it
+            return WRONG_REQUEST, list(error.complaints)
+        case FviError():
+            return WRONG_REQUEST, [f"fvi: {error}"]
+        case KeyboardInterrupt():
+            return INTERRUPTED, ["fvi: interrupted"]
+        case MemoryError():
+            return RUN_FAILED, [f"fvi: not enough memory {error}".rstrip()]
+        case OSError():
+            # a folder that is not there, a full disk, no permission
+            place = f"{error.filename}: " if error.filename else ""
+            return WRONG_REQUEST, [f"fvi: {place}{error.strerror or error}"]
+    return RUN_FAILED, [
+        f"fvi: unexpected {type(error).__name__}: {error}",
+        "fvi: this is a mistake of the program; -v shows where it happened",
+    ]

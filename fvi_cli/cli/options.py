@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options that several commands share, and how a shell completes them."""
 
 from __future__ import annotations
 
@@ -7,43 +7,36 @@ from typing import Annotated
 
 import typer
 
-from fvi_cli.cli.completion import shipped_names
 
-CLUSTERS = "Options for clusters"
+def shipped_names(incomplete: str) -> list[str]:
+    """Names of shipped configurations; if none fits, the shell completes names of files."""
+    from fvi_cli.config import shipped_configs
 
-_configs = typer.Argument(
-    metavar="CONFIG",
-    help="Files, or names of shipped configurations.",
-    autocompletion=shipped_names,
-)
-Configs = Annotated[list[str], _configs]
+    return [name for name in shipped_configs() if name.startswith(incomplete)]
+
+
+CLUSTERS = "Clusters"
+
 _sources = typer.Argument(
     metavar="CONFIG|FILE.h5",
     help="Files, names of shipped configurations, or results of `fvi run`.",
     autocompletion=shipped_names,
 )
+Configs = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="CONFIG",
+        help="Files, or names of shipped configurations.",
+        autocompletion=shipped_names,
+    ),
+]
 Sources = Annotated[list[str], _sources]
 UsualSources = Annotated[list[str] | None, _sources]
 """The same for commands that have defaults."""
+ResultFile = Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")]
+
 Output = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="Folder for everything that is written.",
-    ),
-]
-Check = Annotated[
-    bool, typer.Option("--check", help="Compare with the stored files; do not write.")
-]
-Formats = Annotated[
-    list[str] | None,
-    typer.Option("--format", metavar="png|pdf|svg", help="Format of figures; repeatable."),
-]
-Style = Annotated[
-    str | None,
-    typer.Option("--style", metavar="STYLE", help="A Matplotlib style: its name, or a file."),
+    Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for all that is written.")
 ]
 Overrides = Annotated[
     list[str] | None,
@@ -52,10 +45,6 @@ Overrides = Annotated[
         metavar="KEY.PATH=VALUE",
         help="Change an entry of the configuration, null leaves it out; repeatable.",
     ),
-]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and stop.")]
-Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
 ]
 Workers = Annotated[
     int, typer.Option("-j", "--workers", min=1, metavar="N", help="Processes on this machine.")
@@ -78,23 +67,23 @@ Shard = Annotated[
         help="Compute only the I-th of N parts, into the common folder of parts.",
     ),
 ]
-Quiet = Annotated[
-    bool,
-    typer.Option(
-        "-q", "--quiet", help="No progress, no remarks: results on stdout, errors on stderr."
-    ),
+Fresh = Annotated[
+    bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
 ]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and stop.")]
+Check = Annotated[
+    bool, typer.Option("--check", help="Compare with the stored files; do not write.")
+]
+Formats = Annotated[
+    list[str] | None,
+    typer.Option("--format", metavar="png|pdf|svg", help="Format of figures; repeatable."),
+]
+Style = Annotated[
+    str | None,
+    typer.Option("--style", metavar="STYLE", help="A Matplotlib style: its name, or a file."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Only results and errors.")]
 Verbose = Annotated[
     bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
-Shown = Annotated[
-    Path,
-    typer.Argument(
-        metavar="FILE.h5|NAME",
-        help="Results of `fvi run`; with --config also a shipped configuration.",
-        autocompletion=shipped_names,
-    ),
-]
-ResultFile = Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")]
-RESULTS = Path("results")

@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from fvi_cli.cli.command import COMPUTED, Call, command
 from fvi_cli.cli.options import Sources, UsualSources
 
 if TYPE_CHECKING:
+    from fvi_cli.runner.outcome import Outcome
     from fvi_cli.runner.request import Request
-    from fvi_cli.studies.experiment import Experiment, FinishedRun
-
-    Studies = Sequence[tuple[Experiment, Sequence[FinishedRun]]]
 
 _logger = logging.getLogger("fvi_cli")
 
-DEFAULT_TABLES = ("table-1", "table-2", "full-order")
-DEFAULT_FIGURES = (
+REPORT = "Report"
+TABLES = ("table-1", "table-2", "full-order")
+FIGURES = (
     "saturation",
     "damped-oscillator-comparison",
     "damped-oscillator",
@@ -27,57 +25,53 @@ DEFAULT_FIGURES = (
     "bagley-torvik-3-2-long",
     "corrected-bdf3",
 )
+"""Configurations of the paper."""
 
 
 @command(
+    REPORT,
     *COMPUTED,
     "check",
-    examples="""
-    fvi convergence
-    fvi convergence damped-oscillator -j 2
-    fvi convergence results/damped-oscillator.h5
-    """,
+    examples=("fvi convergence damped-oscillator", "fvi convergence results/mine.h5"),
 )
 def convergence(call: Call, sources: UsualSources = None) -> int:
     """Make tables of orders; without arguments, those of the paper and of full order."""
     from fvi_cli.render.results import order_tables
-    from fvi_cli.runner.compute import run
 
-    call.gather(sources or DEFAULT_TABLES)
-    return call.each(run, report=lambda outcomes, request: order_tables(outcomes))
+    call.gather(sources or TABLES, stores_runs=True)
+    return call.each(lambda request: order_tables(call.runs(request)))
 
 
 @command(
+    REPORT,
     *COMPUTED,
     "formats",
     "style",
-    examples="""
-    fvi plot damped-oscillator
-    fvi plot results/damped-oscillator.h5 --format svg --style thesis.mplstyle
-    """,
+    examples=("fvi plot damped-oscillator", "fvi plot results/mine.h5 --style thesis.mplstyle"),
 )
 def plot(call: Call, sources: UsualSources = None) -> int:
     """Draw figures, from stored runs where there are any; without arguments, the paper's."""
     from fvi_cli import plotting
+    from fvi_cli.render.figures import write_figures
     from fvi_cli.render.results import studies
-    from fvi_cli.runner.compute import run
 
-    def show(found: Studies, request: Request) -> None:
+    def show(request: Request, outcomes: list[Outcome]) -> None:
+        found = studies(outcomes)
+        drawn = plotting.figures_for(found, name=request.name)
         if not sources and request is call.requests[0]:
-            call.show_figures({"interpolation": plotting.interpolation_figure()})
+            drawn = {"interpolation": plotting.interpolation_figure(), **drawn}
         for line in plotting.left_out(found):
             _logger.warning("%s", line)
-        call.show_figures(plotting.figures_for(found, name=request.name))
+        call.wrote(write_figures(drawn, call.output, formats=call.formats or ()))
 
-    call.gather(sources or DEFAULT_FIGURES)
-    return call.each(run, show, report=lambda outcomes, request: studies(outcomes))
+    call.gather(sources or FIGURES, stores_runs=True)
+    return call.each(call.runs, show)
 
 
-@command(*COMPUTED, "check", examples="fvi quantities three-designs")
+@command(REPORT, *COMPUTED, "check", examples=("fvi quantities three-designs",))
 def quantities(call: Call, sources: Sources) -> int:
     """Make tables of quantities (peak, its time, RMS) and events of every run."""
     from fvi_cli.render.results import quantities as observed
-    from fvi_cli.runner.compute import run
 
-    call.gather(sources)
-    return call.each(run, report=lambda outcomes, request: observed(outcomes, name=request.name))
+    call.gather(sources, stores_runs=True)
+    return call.each(lambda request: observed(call.runs(request), name=request.name))

@@ -22,16 +22,19 @@ def drawn_as(formats: Sequence[str], style: str | None) -> Iterator[None]:
     RequestError
         For an unknown format, or a style that matplotlib does not know.
     """
-    if formats or style:
-        # a slow import, which other requests do not need
-        from fvi_cli import plotting
+    if not formats and style is None:
+        yield
+        return
+    # a slow import, which other requests do not need
+    from fvi_cli import plotting
+
     for kind in formats:
         if kind not in plotting.FORMATS:
             raise RequestError(f"--format: {kind!r} is not one of {', '.join(plotting.FORMATS)}")
-    with ExitStack() as styled:
+    with ExitStack() as stack:
         if style is not None:
             try:
-                styled.enter_context(plotting.styled(style))
+                stack.enter_context(plotting.styled(style))
             except (OSError, ValueError) as error:
                 raise RequestError(f"--style: {error}") from None
         yield
@@ -47,8 +50,5 @@ def write_figures(
     from fvi_cli.plotting import FORMATS, save_figure
 
     forms = list(dict.fromkeys(formats or FORMATS[:1]))
-    return [
-        path
-        for name, figure in figures.items()
-        for path in save_figure(figure, output / "figures", name, forms)
-    ]
+    folder = output / "figures"
+    return [p for name, one in figures.items() for p in save_figure(one, folder, name, forms)]

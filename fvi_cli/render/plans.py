@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from fvi_cli.render.runs import columns_of_words
+from fvi_cli.render.runs import columns_of
 from fvi_cli.runner.plan import PlannedRun, group_alike
 
 
@@ -13,24 +13,15 @@ def plans_as_text(plans: Sequence[PlannedRun]) -> str:
 
     Members of a sweep with the same action share a line.
     """
-    header = ("experiment", "method", "n_steps", "step_size", "action", "memory")
-    rows = [header]
+    rows = []
     for alike in group_alike(plans):
-        plan = alike[0]
-        run, size = plan.run, plan.memory_bytes
-        rows.append(
-            (
-                run.experiment.name,
-                *_method_and_steps(plan),
-                "-" if plan.finds_steps else f"{run.step_size:.6g}",
-                plan.action if run.member is None else f"{plan.action} {len(alike)} members",
-                "-" if size is None else f"{size / 1e6:.3g} MB",
-            )
-        )
-    return columns_of_words(rows)
-
-
-def _method_and_steps(plan: PlannedRun) -> tuple[str, str]:
-    if plan.finds_steps:
-        return "Gauss", "adaptive"
-    return plan.run.method_label, str(plan.run.n_steps)
+        plan, run, size = alike[0], alike[0].run, alike[0].memory_bytes
+        rows.append({
+            "experiment": run.experiment.name,
+            "method": "Gauss" if plan.finds_steps else run.method_label,
+            "n_steps": "adaptive" if plan.finds_steps else run.n_steps,
+            "step_size": None if plan.finds_steps else run.step_size,
+            "action": f"{plan.action} {len(alike)} members" if run.member else plan.action,
+            "memory": None if size is None else f"{size / 1e6:.3g} MB",
+        })  # fmt: skip
+    return columns_of(rows, step_size=".6g")

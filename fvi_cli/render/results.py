@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, Final
 
 from fvi_cli import reports
 from fvi_cli.errors import RequestError
 from fvi_cli.render.figures import write_figures
-from fvi_cli.render.json import fit_as_json, run_as_json
 from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.cost import cost_report
@@ -36,113 +34,28 @@ from fvi_cli.studies.vibration.response import ResponseTable
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Table: TypeAlias = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | ResponseTable
-Result: TypeAlias = Outcome | Table | Report | StoredFile
-Results: TypeAlias = Result | Sequence[Result]
-Found: TypeAlias = Sequence[Any]
-"""Results of one kind."""
+Table = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | ResponseTable
+Result = Outcome | Table | Report | StoredFile
+Results = Result | Sequence[Result]
 
-
-@dataclass(frozen=True, kw_only=True)
-class ResultKind:
-    """A kind of result, and what is made of results of it."""
-
-    # called with a name and the results; None for kinds without a report or without figures
-    report: Callable[[str, Found], Report] | None = None
-    figures: Callable[[str, Found], Mapping[str, Figure]] | None = None
-    # what a terminal shows in place of the summary of the report
-    text: Callable[[Found], str] | None = None
-    # a line for each unexpected failure
-    failures: Callable[[Found], list[str]] = lambda found: []
-    words: str = "runs failed unexpectedly"  # said after the number of failures
-    is_written: bool = True  # whether files are kept of it
-    is_compared: bool = True  # whether these are the same on every run
-    # writes further files, given the beginning of their paths and the results
-    further: Callable[[Path, Found], list[Path]] = lambda beginning, found: []
-    # where a JSON document says more than the report: its key, and the values for one result
-    key: str = ""
-    values: Callable[[Any], list[object]] = lambda one: []
-
-
-def _drawing(module: str, name: str) -> Callable[[str, Found], Mapping[str, Figure]]:
-    """A function of `plotting`, which is loaded when something is drawn."""
-    return lambda title, found: getattr(importlib.import_module(module), name)(title, found)
-
-
-def _outcome_figures(title: str, outcomes: Sequence[Outcome]) -> dict[str, Figure]:
-    from fvi_cli.plotting import figures_for
-
-    return figures_for(studies(outcomes), name=title)
-
-
-def _mode_shapes(beginning: Path, tables: Sequence[ModeTable]) -> list[Path]:
-    from fvi_cli.storage.mode_shapes import write_mode_shapes
-
-    path = beginning.with_name(f"{beginning.name}-modes.h5")
-    write_mode_shapes(path, tables)
-    return [path]
-
-
-KINDS: Mapping[type, ResultKind] = {
-    Outcome: ResultKind(
-        report=lambda name, found: order_report(name, order_tables(found)),
-        figures=_outcome_figures,
-        text=runs_as_text,
-        failures=lambda found: [run.run.title for one in found for run in one.unexpected],
-        key="runs",
-        values=lambda outcome: [run_as_json(one) for one in outcome.finished],
-    ),
-    StoredFile: ResultKind(
-        text=lambda found: contents_as_text(found[0]), is_written=False, is_compared=False
-    ),
-    Report: ResultKind(report=lambda name, found: found[0]),
-    OrderTable: ResultKind(report=order_report),
-    StabilityTable: ResultKind(
-        report=stability_report,
-        figures=_drawing("fvi_cli.plotting.kinds.stability", "stability_figures"),
-        failures=lambda found: [row.failure for one in found for row in one.rows if row.failure],
-    ),
-    CostTable: ResultKind(
-        report=cost_report,
-        figures=_drawing("fvi_cli.plotting.kinds.convergence", "cost_figures"),
-        failures=lambda found: [line for one in found for line in one.unexpected],
-        is_compared=False,
-    ),
-    FitResult: ResultKind(
-        report=fit_report,
-        figures=_drawing("fvi_cli.plotting.kinds.fits", "fit_figures"),
-        failures=lambda found: [one.name for one in found if not one.is_converged],
-        words="fits did not converge",
-        key="fits",
-        values=fit_as_json,
-    ),
-    ModeTable: ResultKind(
-        report=mode_report,
-        figures=_drawing("fvi_cli.plotting.kinds.spectra", "mode_figures"),
-        failures=lambda found: [one.name for one in found if not one.is_complete],
-        words="tables may lack modes",
-        further=_mode_shapes,
-    ),
-    ResponseTable: ResultKind(
-        report=response_report,
-        figures=_drawing("fvi_cli.plotting.kinds.spectra", "response_figures"),
-    ),
+REPORTS: Final[Mapping[type, Callable[[str, Any], Report]]] = {
+    Outcome: lambda name, found: order_report(name, order_tables(found)),
+    OrderTable: order_report,
+    StabilityTable: stability_report,
+    CostTable: cost_report,
+    FitResult: fit_report,
+    ModeTable: mode_report,
+    ResponseTable: response_report,
+    Report: lambda name, found: found[0],
 }
-
-
-def result_kind(results: Results) -> tuple[ResultKind, Found]:
-    """The kind of `results`, and the results one by one; none at all are outcomes.
-
-    Raises
-    ------
-    RequestError
-        For a mixture.
-    """
-    found = [results] if isinstance(results, tuple(KINDS)) else list(results)  # type: ignore[arg-type]
-    kinds = {type(one) for one in found} or {Outcome}
-    if len(kinds) > 1:
-        raise RequestError("results of different kinds: call once for each kind")
-    return KINDS[kinds.pop()], found
+DRAWINGS: Final[Mapping[type, str]] = {
+    StabilityTable: "stability.stability_figures",
+    CostTable: "convergence.cost_figures",
+    FitResult: "fits.fit_figures",
+    ModeTable: "spectra.mode_figures",
+    ResponseTable: "spectra.response_figures",
+}
+"""Functions of the name and the results, in modules of :mod:`fvi_cli.plotting.kinds`."""
 
 
 def as_text(results: Results, *, name: str | None = None) -> str:
@@ -155,33 +68,20 @@ def as_text(results: Results, *, name: str | None = None) -> str:
     RequestError
         If there is more than one experiment and no name.
     """
-    kind, found = result_kind(results)
-    if kind.text is not None and found:
-        return kind.text(found)
-    return to_text(report_on(results, name).summary)
-
-
-def summary_of(results: Results, *, name: str | None = None) -> str:
-    """The summary of the report on `results`."""
+    kind, found = _sorted(results)
+    if kind is StoredFile:
+        return contents_as_text(found[0])
+    if kind is Outcome:
+        return runs_as_text(found)
     return to_text(report_on(results, name).summary)
 
 
 def report_on(results: Results, name: str | None = None) -> Report:
     """The report on results of one kind; for outcomes the report on orders."""
-    kind, found = result_kind(results)
-    if kind.report is None:
-        raise RequestError("contents of result files have no report")
-    return kind.report(name or _only_name(found), found)
-
-
-def json_rows(results: Results, name: str | None = None) -> dict[str, list[object]]:
-    """Results as JSON values: runs and fits in full, of others the rows of their report."""
-    kind, found = result_kind(results)
-    if kind.key:
-        return {kind.key: [row for one in found for row in kind.values(one)]}
-    return {
-        sheet.name: [dict(row) for row in sheet.rows] for sheet in report_on(results, name).sheets
-    }
+    kind, found = _sorted(results)
+    if kind not in REPORTS:
+        raise RequestError("there is no report on what a result file holds")
+    return REPORTS[kind](name or _only_name(found), found)
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
@@ -194,12 +94,19 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
     RequestError
         If there is more than one experiment and no name, or where there is no picture.
     """
-    kind, found = result_kind(results)
-    if kind.figures is None:
+    kind, found = _sorted(results)
+    if kind is not Outcome and kind not in DRAWINGS:
         raise RequestError(
             "only outcomes, fits, and tables of stability, cost, modes and responses have figures"
         )
-    return dict(kind.figures(name or _only_name(found), found))
+    title = name or _only_name(found)
+    if kind is Outcome:
+        from fvi_cli.plotting import figures_for
+
+        return figures_for(studies(found), name=title)
+    module, _, function = DRAWINGS[kind].partition(".")
+    draw = getattr(importlib.import_module(f"fvi_cli.plotting.kinds.{module}"), function)
+    return dict(draw(title, found))
 
 
 def write(
@@ -222,49 +129,37 @@ def write(
     StorageError
         If the folder or a file cannot be written.
     """
-    kind, found = result_kind(results)
-    if not kind.is_written:
-        raise RequestError("what a result file holds is not written")
-    folder, title = Path(output), name or _only_name(found)
-    drawn = kind.figures(title, found) if kind.figures else {}
-    paths = reports.write(folder / "tables", report_on(results, title))
-    paths += write_figures(drawn, folder, formats=formats)
-    return paths + kind.further(folder / title, found)
-
-
-def compare(results: Results, output: Path | str, *, name: str | None = None) -> list[str]:
-    """One line for everything in which stored tables differ, as ``--check`` reports.
-
-    Raises
-    ------
-    RequestError
-        If there is more than one experiment and no name, or for costs and what a file holds.
-    """
-    kind, found = result_kind(results)
-    if not kind.is_compared:
-        raise RequestError(
-            "costs cannot be compared, as times differ from run to run, nor what a "
-            "result file holds"
-        )
+    kind, found = _sorted(results)
+    report, folder = report_on(results, name), Path(output)
     title = name or _only_name(found)
-    return reports.compare(Path(output) / "tables", report_on(results, title))
+    paths = reports.write(folder / "tables", report)
+    if kind is Outcome or kind in DRAWINGS:
+        paths += write_figures(figures(results, name=title), folder, formats=formats)
+    if kind is ModeTable:
+        from fvi_cli.storage.mode_shapes import write_mode_shapes
+
+        paths.append(folder / f"{title}-modes.h5")
+        write_mode_shapes(paths[-1], found)
+    return paths
 
 
-def _only_name(found: Found) -> str:
-    """The name of the only experiment; of a report none is needed."""
-    names: set[str] = set()
-    for one in found:
-        if isinstance(one, Report):
-            return ""
-        experiment: Any = getattr(one, "experiment", one)
-        names.add(experiment if isinstance(experiment, str) else experiment.name)
-    if len(names) != 1:
-        raise RequestError(
-            f"name: needed, there are {len(names)} experiments: {', '.join(sorted(names))}"
-            if names
-            else "name: missing; the results have no name of their own"
-        )
-    return names.pop()
+def failures(results: Results) -> str:
+    """How many of the results failed that were not expected to, in words; empty: none."""
+    kind, found = _sorted(results)
+    if kind is Outcome:
+        count, words = sum(len(one.unexpected) for one in found), "runs failed unexpectedly"
+    elif kind is StabilityTable:
+        count = sum(bool(row.failure) for one in found for row in one.rows)
+        words = "predictions failed"
+    elif kind is CostTable:
+        count, words = sum(len(one.unexpected) for one in found), "runs failed unexpectedly"
+    elif kind is FitResult:
+        count, words = sum(not one.is_converged for one in found), "fits did not converge"
+    elif kind is ModeTable:
+        count, words = sum(not one.is_complete for one in found), "tables may lack modes"
+    else:
+        return ""
+    return f"{count} {words}" if count else ""
 
 
 def order_tables(outcomes: Outcome | Sequence[Outcome]) -> list[OrderTable]:
@@ -289,12 +184,9 @@ def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None
     listed = [outcomes] if isinstance(outcomes, Outcome) else list(outcomes)
     title = name or _only_name(listed)
     finished = [one for outcome in listed for one in outcome.finished]
-    is_ensemble = any(
-        isinstance(one, FigureSettings) and one.ensemble
-        for outcome in listed
-        for one in outcome.experiment.figures
-    )
-    if not is_ensemble and not any(one.trajectory.observed is not None for one in finished):
+    drawn = [one for outcome in listed for one in outcome.experiment.figures]
+    is_ensemble = any(isinstance(one, FigureSettings) and one.ensemble for one in drawn)
+    if not is_ensemble and all(one.trajectory.observed is None for one in finished):
         raise RequestError(
             f"{title}: no quantities, events or impacts are asked for; give for example "
             "quantities: {top: ax}"
@@ -305,3 +197,25 @@ def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None
 def studies(outcomes: Sequence[Outcome]) -> list[tuple[Experiment, tuple[FinishedRun, ...]]]:
     """Experiments with their finished runs."""
     return [(outcome.experiment, outcome.finished) for outcome in outcomes]
+
+
+def _sorted(results: Results) -> tuple[type, list[Any]]:
+    """The kind of `results`, and the results one by one; none at all are outcomes."""
+    found = list(results) if isinstance(results, Sequence) else [results]
+    kinds = {type(one) for one in found} or {Outcome}
+    if len(kinds) > 1:
+        raise RequestError("results of different kinds: call once for each kind")
+    return kinds.pop(), found
+
+
+def _only_name(found: Sequence[Any]) -> str:
+    """The name of the only experiment; a report has its own."""
+    experiments = [getattr(one, "experiment", one) for one in found]
+    names = sorted({one if isinstance(one, str) else one.name for one in experiments})
+    if len(names) != 1:
+        raise RequestError(
+            f"name: needed, there are {len(names)} experiments: {', '.join(names)}"
+            if names
+            else "name: missing; the results have no name of their own"
+        )
+    return names[0]
