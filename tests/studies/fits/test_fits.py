@@ -190,7 +190,7 @@ def test_the_command_writes_what_it_says(tmp_path):
     done = here(*arguments, "--json")
     assert done.exit_code == 0, done.stderr
     document = json.loads(done.stdout)
-    assert [one["model"] for one in document["fits"]] == ["springpot", "viscous"]
+    assert [one["model"] for one in document["models"]] == ["springpot", "viscous"]
     assert all(Path(one).is_file() for one in document["files"])
     table = rows_of(output / "tables" / "decay-fit.csv")
     assert list(table[0])[:5] == ["parameter", "estimate", "standard_error", "low", "high"]
