@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final, Literal, NamedTuple
+from typing import Any, Final, Literal
 
 from fvi_cli.errors import ArgumentError, excerpt, suggestion
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
@@ -108,10 +108,8 @@ class Method:
             "forcing_quadrature": ("galerkin", "exact"),
         }
         for name, values in permitted.items():
-            if getattr(self, name) not in values:
-                raise ArgumentError(
-                    name, f"{getattr(self, name)!r} is not one of {', '.join(values)}"
-                )
+            if (given := getattr(self, name)) not in values:
+                raise ArgumentError(name, f"{given!r} is not one of {', '.join(values)}")
         if not 1 <= self.degree <= LARGEST_DEGREE:
             raise ArgumentError(
                 "degree", f"{self.degree} is not allowed; it must be 1 to {LARGEST_DEGREE}"
@@ -197,7 +195,18 @@ class Method:
     @property
     def variant(self) -> str:
         """What differs from the usual method of the family: ``nodes, degree 2``; often empty."""
-        return ", ".join(filter(None, (part.label(self) for part in _PARTS)))
+        words = ["nodes"] if self.sampling == "nodes" else []
+        if self.cq == "lobatto-iiic" or (self.degree > 1 and not self.is_runge_kutta):
+            words.append(f"degree {self.degree}")
+        if self.rule != self.usual_rule:
+            words.append(f"{self.rule.points} {self.rule.rule.capitalize()} points")
+        if self.start_exponents:
+            words.append("weights " + ", ".join(f"t^{power:g}" for power in self.start_exponents))
+        elif self.start != usual_start(self.cq):
+            words.append(f"start {self.start}")
+        if self.forcing_quadrature != usual_forcing(self.cq, self.sampling):
+            words.append(f"{self.forcing_quadrature} forcing")
+        return ", ".join(words)
 
     @property
     def label(self) -> str:
@@ -207,7 +216,13 @@ class Method:
     @property
     def case(self) -> str:
         """Name of the method in files: ``bdf2-nodes-s1-gauss1-none``, ``gauss-s3-graded``."""
-        return "-".join(filter(None, (self.cq, *(part.case(self) for part in _PARTS))))
+        words = [self.cq, f"s{self.degree}", self.start]
+        if not self.is_runge_kutta:
+            words = [self.cq, self.sampling, f"s{self.degree}", self.rule.label, self.start]
+        words += (f"{power:g}".replace(".", "p") for power in self.start_exponents)
+        if self.forcing_quadrature != usual_forcing(self.cq, self.sampling):
+            words.append(self.forcing_quadrature)
+        return "-".join(words)
 
     @property
     def keys(self) -> dict[str, Any]:
@@ -279,93 +294,9 @@ def usual_start(cq: str) -> Start:
     return "graded" if cq == "gauss" else "none"
 
 
-def _usual_forcing(cq: str, sampling: Sampling) -> ForcingQuadrature:
+def usual_forcing(cq: str, sampling: Sampling) -> ForcingQuadrature:
+    """The quadrature of the forcing where none is given."""
     return "exact" if cq in BDF_NAMES and sampling == "points" else "galerkin"
-
-
-class _Part(NamedTuple):
-    """The part of a method's names that belongs to one key."""
-
-    key: str
-    pattern: str  # of its text in a name, without spaces
-    read: Callable[[str], Any]  # from this text to the value of the key
-    case: Callable[[Method], str]  # the text in files; empty where the family has one value
-    label: Callable[[Method], str]  # the text for readers; empty where the value is usual
-
-
-def _number(word: str) -> int:
-    return int("".join(filter(str.isdigit, word)))
-
-
-def _read_rule(word: str) -> dict[str, Any]:
-    return {"rule": "gauss" if "gauss" in word else "lobatto", "points": _number(word)}
-
-
-def _degree_label(method: Method) -> str:
-    is_usual = method.cq == "gauss" or (method.degree == 1 and not method.is_runge_kutta)
-    return "" if is_usual else f"degree {method.degree}"
-
-
-def _rule_label(method: Method) -> str:
-    rule = method.rule
-    is_usual = rule == method.usual_rule
-    return "" if is_usual else f"{rule.points} {rule.rule.capitalize()} points"
-
-
-def _start_case(method: Method) -> str:
-    powers = (f"{exponent:g}".replace(".", "p") for exponent in method.start_exponents)
-    return "-".join((method.start, *powers))
-
-
-def _start_label(method: Method) -> str:
-    powers = ", ".join(f"t^{exponent:g}" for exponent in method.start_exponents)
-    is_usual = method.start == usual_start(method.cq)
-    return f"weights {powers}" if powers else "" if is_usual else f"start {method.start}"
-
-
-def _forcing_case(method: Method) -> str:
-    is_usual = method.forcing_quadrature == _usual_forcing(method.cq, method.sampling)
-    return "" if is_usual else method.forcing_quadrature
-
-
-_PARTS: Final = (
-    _Part(
-        "sampling",
-        "nodes?|points?",
-        lambda word: word.rstrip("s") + "s",
-        lambda method: "" if method.is_runge_kutta else method.sampling,
-        lambda method: "nodes" if method.sampling == "nodes" else "",
-    ),
-    _Part(
-        "degree",
-        r"(s|degree)\d{1,3}",
-        _number,
-        lambda method: f"s{method.degree}",
-        _degree_label,
-    ),
-    _Part(
-        "quadrature",
-        r"(gauss|lobatto)\d{1,3}|\d{1,3}(gauss|lobatto)points",
-        _read_rule,
-        lambda method: "" if method.is_runge_kutta else method.rule.label,
-        _rule_label,
-    ),
-    _Part(
-        "start",
-        "(start)?(none|graded)",
-        lambda word: word.removeprefix("start"),
-        _start_case,
-        _start_label,
-    ),
-    _Part(
-        "forcing_quadrature",
-        "(galerkin|exact)(forcing)?",
-        lambda word: word.removesuffix("forcing"),
-        _forcing_case,
-        lambda method: f"{word} forcing" if (word := _forcing_case(method)) else "",
-    ),
-)
-"""The one table of names: read by :func:`keys_of_name`, written by `case` and `label`."""
 
 
 def without_start(method: AnyMethod) -> AnyMethod:
@@ -408,12 +339,17 @@ def make_method(values: Mapping[str, Any], *, start: Start | None = None) -> Any
         sampling=sampling,
         start=chosen,
         start_exponents=exponents,
-        forcing_quadrature=values.get("forcing_quadrature", _usual_forcing(cq, sampling)),
+        forcing_quadrature=values.get("forcing_quadrature", usual_forcing(cq, sampling)),
     )
 
 
-_FAMILY: Final = re.compile(
-    r"bdf-?(?P<bdf>[1-6])|(?:(?P<gauss>gauss)|lobatto(?:-?iiic)?)(?:-?(?P<degree>\d{1,3}))?"
+_NAME: Final = re.compile(
+    r"(?:bdf-?(?P<bdf>[1-6])|(?P<rk>gauss|lobatto-iiic)(?:-?(?P<stages>\d{1,3}))?)"
+    r"(?:-(?P<sampling>nodes|points))?"
+    r"(?:-s(?P<degree>\d{1,3}))?"
+    r"(?:-(?P<rule>gauss|lobatto)(?P<points>\d{1,3}))?"
+    r"(?:-(?P<start>none|graded))?"
+    r"(?:-(?P<forcing_quadrature>galerkin|exact))?"
 )
 
 
@@ -428,56 +364,40 @@ def keys_of_name(name: str) -> dict[str, Any]:
     plain = re.sub(r"[\s_]+", "-", name.strip().lower())
     if plain in BASELINE_NAMES:
         return {"baseline": plain}
-    plain = re.sub(r"[(,]", "-", re.sub(r"[\s_)]", "", name.lower()))
-    family = _FAMILY.match(plain)
-    if family is None:
-        raise ValueError(_no_method(name))
-    values: dict[str, Any] = {}
-    if family["bdf"]:
-        values["bdf"] = int(family["bdf"])
-    else:
-        values["rk"] = "gauss" if family["gauss"] else "lobatto-iiic"
-        if family["degree"]:
-            values["degree"] = int(family["degree"])
-    words = plain[family.end() :].split("-")
-    if words[0]:
-        raise ValueError(_no_method(name))
-    for word in words[1:]:
-        part = next((one for one in _PARTS if re.fullmatch(one.pattern, word)), None)
-        if part is None or part.key in values:
-            raise ValueError(_no_method(name))
-        values[part.key] = part.read(word)
+    found = _NAME.fullmatch(re.sub(r"[\s_]", "", name.lower()))
+    if found is None or (found["stages"] and found["degree"]):
+        near = suggestion(name, (*BASELINE_NAMES, *(f"{rk}3" for rk in RUNGE_KUTTA_NAMES)))
+        raise ValueError(
+            f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
+            f"bdf1 to bdf6, {', '.join(BASELINE_NAMES)})"
+        )
+    words = ("rk", "sampling", "start", "forcing_quadrature")
+    values: dict[str, Any] = {key: found[key] for key in words if found[key]}
+    if found["bdf"]:
+        values["bdf"] = int(found["bdf"])
+    if degree := found["stages"] or found["degree"]:
+        values["degree"] = int(degree)
+    if found["rule"]:
+        values["quadrature"] = {"rule": found["rule"], "points": int(found["points"])}
     if not 1 <= values.get("degree", 1) <= LARGEST_DEGREE:
         raise ValueError(f"the degree in {excerpt(name)!r} must be from 1 to {LARGEST_DEGREE}")
     return values
 
 
-def _no_method(name: str) -> str:
-    near = suggestion(name, (*BASELINE_NAMES, *(f"{family}3" for family in RUNGE_KUTTA_NAMES)))
-    return (
-        f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
-        f"bdf1 to bdf6, {', '.join(BASELINE_NAMES)})"
-    )
-
-
 def method_named(name: str) -> AnyMethod:
-    """The method of a short name, or of a name that it has in files or for readers.
+    """The method of a short name, or of its name in files.
 
     ``bdf1`` to ``bdf6``; ``gauss`` or ``lobatto-iiic`` with the degree, as in ``gauss3``; or a
-    baseline. What differs from the defaults is joined by ``-``: ``nodes`` or ``points``, ``s2``
-    (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``, ``galerkin`` or
-    ``exact``. ``bdf2-nodes``, ``gauss-s3-graded`` and ``BDF2 (nodes)`` are such names.
+    baseline. What differs from the defaults follows in this order, joined by ``-``: ``nodes`` or
+    ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``,
+    ``galerkin`` or ``exact``, as in ``bdf2-nodes`` and ``gauss-s3-graded``.
 
     Raises
     ------
     ValueError
         For a text that is not the name of a method.
     """
-    try:
-        keys = keys_of_name(name)
-    except ValueError as error:
-        raise ValueError(f"method: {error}") from None
-    return make_method(keys)
+    return make_method(keys_of_name(name))
 
 
 def as_method(method: AnyMethod | str) -> AnyMethod:

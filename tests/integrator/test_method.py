@@ -54,7 +54,7 @@ def test_a_method_has_a_name_in_files_and_one_for_readers(method, case, label):
     assert (method.case, method.label) == (case, label)
     assert make_method(method.keys) == method
     if "weights" not in case:
-        assert method_named(case) == method_named(label) == method
+        assert method_named(case) == method
     assert set(method_columns(method)) == {"cq", "sampling", "degree", "quadrature", "start"}
 
 
