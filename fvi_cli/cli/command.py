@@ -92,13 +92,10 @@ class Call:
 
         With ``--dry-run`` print `tasks`, or plans of runs.
         """
-        from fvi_cli.render.figures import drawn_as
-
         if self.dry_run:
             return self.show_plans() if tasks is None else self.show_tasks(tasks)
-        with drawn_as(self.formats or (), self.style):
-            for request in self.requests:
-                (show or self.show)(request, compute(request))
+        for request in self.requests:
+            (show or self.show)(request, compute(request))
         return self.close()
 
     def show_plans(self) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from contextlib import nullcontext
 from typing import TYPE_CHECKING
 
 from fvi_cli.cli.command import COMPUTED, Call, command
@@ -65,7 +66,8 @@ def plot(call: Call, sources: UsualSources = None) -> int:
         call.wrote(write_figures(drawn, call.output, formats=call.formats or ()))
 
     call.gather(sources or FIGURES, stores_runs=True)
-    return call.each(call.runs, show)
+    with nullcontext() if call.style is None else plotting.styled(call.style):
+        return call.each(call.runs, show)
 
 
 @command(REPORT, *COMPUTED, "check", examples=("fvi quantities three-designs",))

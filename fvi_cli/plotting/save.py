@@ -10,6 +10,7 @@ from pathlib import Path
 from matplotlib.backend_bases import FigureCanvasBase
 from matplotlib.figure import Figure
 
+from fvi_cli.errors import RequestError
 from fvi_cli.plotting.style import journal_style
 from fvi_cli.storage.files import replace_file
 
@@ -35,14 +36,15 @@ def save_figure(
     Raises
     ------
     ValueError
-        For a name with other characters than letters, digits, ``-`` and ``_``, or an unknown
-        format.
+        For a name with other characters than letters, digits, ``-`` and ``_``.
+    RequestError
+        For an unknown format.
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"name: {name!r} is not allowed; use letters, digits, - and _")
     for kind in formats:
         if kind not in FORMATS:
-            raise ValueError(f"format: {kind!r} is not one of {', '.join(FORMATS)}")
+            raise RequestError(f"format: {kind!r} is not one of {', '.join(FORMATS)}")
     contents = {directory / f"{name}.{kind}": _rendered(figure, kind) for kind in formats}
     directory.mkdir(parents=True, exist_ok=True)
     for path, content in contents.items():

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from matplotlib import style
 
+from fvi_cli.errors import RequestError
+
 SHEET = Path(__file__).with_name("fvi.mplstyle")
 INK, GREY, PALE, STRIP = "#222222", "#777777", "#c9c9c9", "#f1f1f1"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -33,11 +35,14 @@ def styled(name: str) -> Iterator[None]:
 
     Raises
     ------
-    OSError, ValueError
-        Those of ``matplotlib.style.context``.
+    RequestError
+        If matplotlib does not know it, or refuses what it says.
     """
-    with style.context(name):
-        pass
+    try:
+        with style.context(name):
+            pass
+    except (OSError, ValueError) as error:
+        raise RequestError(f"style: {error}") from None
     token = _own.set(name)
     try:
         yield

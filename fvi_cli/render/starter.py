@@ -31,8 +31,6 @@ def write_starter(name: str, kind: str, *, schema: bool = False) -> list[Path]:
             file.write(text)
     except FileExistsError:
         raise RequestError(f"{path}: exists already; it is left as it is") from None
-    except OSError as error:
-        raise RequestError(f"{path}: cannot be written: {error.strerror}") from None
     if not schema:
         return [path]
     replace_file(Path(SCHEMA_FILE), schema_text().encode())

@@ -159,7 +159,7 @@ def compute(batch: Batch) -> Computed:
 
 def _executed(runs: Sequence[Run], references: Mapping[Run, Reference | None]) -> list[FinishedRun]:
     known = [references.get(run) for run in runs]
-    return execute_batch(runs, known, log=lambda line: _logger.info("%s: %s", runs[0].name, line))
+    return execute_batch(runs, known, log=lambda line: _logger.debug("%s: %s", runs[0].name, line))
 
 
 def _soundly(

@@ -15,6 +15,7 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli import plotting
+from fvi_cli.errors import RequestError
 from fvi_cli.integrator.method import Method
 from fvi_cli.plotting.kinds.motions import drawn_motion, drawn_times, drawn_velocity
 from fvi_cli.plotting.looks import method_looks
@@ -295,7 +296,7 @@ def test_files_are_complete_and_the_same_every_time(tmp_path):
     for kind in ("png", "pdf", "svg"):
         first, second = ((tmp_path / f / f"made.{kind}").read_bytes() for f in ("one", "two"))
         assert first == second
-    with pytest.raises(ValueError, match="format"):
+    with pytest.raises(RequestError, match="format"):
         plotting.save_figure(figure, tmp_path, "made", ("docx",))
     with pytest.raises(ValueError, match="name"):
         plotting.save_figure(figure, tmp_path, "../made")
@@ -306,5 +307,5 @@ def test_any_style_of_matplotlib_may_be_used():
         dark = plotting.interpolation_figure()
     assert dark.get_facecolor()[:3] == (0.0, 0.0, 0.0)
     assert plotting.interpolation_figure().get_facecolor()[:3] == (1.0, 1.0, 1.0)
-    with pytest.raises(OSError, match="nowhere"), plotting.styled("nowhere"):
+    with pytest.raises(RequestError, match="nowhere"), plotting.styled("nowhere"):
         pass
