@@ -1,12 +1,13 @@
-r"""A block of B equal steps as one linear map.
+r"""A block of B equal steps, a power of 2, as one linear map.
 
 Position x, momentum p and load vectors g of a block determine the *rows* of every step in it: its
 unknowns U, and the changes of position and momentum from the beginning of the block to its end.
 Rows depend on earlier steps of the block only, so the map by load vectors is a Toeplitz matrix, and
 that of fewer steps is a leading part of it.
 
-The map is computed step by step. To invert the equations of the whole block would lose digits like
-(B omega h)^3 where modes are stiff; here every step begins from its own position.
+The map is that of one step, doubled again and again. To invert the equations of the whole block
+would lose digits like (B omega h)^3 where modes are stiff; here the second half of the steps begins
+from its own position.
 
 In nonlinear scenes remainders are further load vectors, and displacements are measured from the
 beginning of the block: the position there has no effect. ``fold`` maps remainders to the points.
@@ -57,35 +58,33 @@ class Block:
         first step.
         """
         step, e, s, count = self.step, self.e, self._s, self.frame.count
-        q = len(step.singular)
-        starts = 2 * e if self._has_position else e
-        width = starts + (s + 1) * e
-        unit = np.eye(width)
-        x, moved = np.zeros((q, width, e)), np.zeros((q, width, e))
-        if self._has_position:
-            x[:] = unit[:, :e]
-        p, gained = np.broadcast_to(unit[:, starts - e : starts], x.shape), moved
-        loads = np.broadcast_to(unit[:, starts:].reshape(width, s + 1, e), (q, width, s + 1, e))
-        found = np.empty((q, count, (s + 2) * e, width))
-        before = np.empty((q, count * s, width * e))
-        for n in range(count):
-            if n:
-                loads = self._loads_of(before[:, : n * s], width)
-            u, dx, dp = step.solve(x + moved, p + gained, loads)
-            moved, gained = moved + dx, gained + dp
-            before[:, n * s : n * s + s] = u.swapaxes(1, 2).reshape(q, s, -1)
-            rows = np.concatenate([u.reshape(q, width, -1), moved, gained], axis=2)
-            found[:, n] = rows.swapaxes(1, 2)
-        return found
+        q, width = len(step.singular), (s + 3) * e
+        unit = np.broadcast_to(np.eye(width), (q, width, width))
+        loads = unit[..., 2 * e :].reshape(q, width, s + 1, e)
+        u, dx, dp = step.solve(unit[..., :e], unit[..., e : 2 * e], loads)
+        rows = np.concatenate([u.reshape(q, width, -1), dx, dp], axis=2)
+        found = rows.swapaxes(1, 2)[:, None]
+        while found.shape[1] < count:
+            # as many steps again begin where those end
+            gained = found[:, -1, s * e :]
+            begin = found[..., : 2 * e].reshape(q, -1, 2 * e)
+            later = np.matmul(begin, gained + unit[:, : 2 * e])
+            if self._matrices:
+                later += np.matmul(toeplitz_matrix(found[..., 2 * e :]), self._loads_after(found))
+            later = later.reshape(found.shape)
+            later[:, :, s * e :] += gained[:, None]
+            found = np.concatenate([found, later], axis=1)
+        return found if self._has_position else found[..., e:]
 
-    def _loads_of(self, before: Array, width: int) -> Array:
-        """Load vectors by earlier steps of the block, ``(q, n, s + 1, e)``."""
-        size, shape = before.shape[1], (len(before), self._s + 1, width, self.e)
-        total = np.zeros(shape)
-        for table, matrix in zip(self.frame.damp_before, self._matrices, strict=True):
-            found = np.matmul(table[:, :, table.shape[2] - size :], before).reshape(shape)
-            total += np.matmul(found, matrix[:, None])
-        return total.swapaxes(1, 2)
+    def _loads_after(self, found: Array) -> Array:
+        """Load vectors of n steps behind n steps with these rows, ``(q, n (s + 1) e, ...)``."""
+        (q, n, _, width), s, e = found.shape, self._s, self.e
+        u = found[:, :, : s * e].reshape(q, n * s, e * width)
+        total = np.zeros((q, n * (s + 1), e, width))
+        for table, matrix in zip(self.frame.damp, self._matrices, strict=True):
+            by_past = toeplitz_matrix(table[:, : 2 * n])[:, -n * (s + 1) :, : n * s]
+            total += np.matmul(matrix[:, None], np.matmul(by_past, u).reshape(total.shape))
+        return total.reshape(q, -1, width)
 
     @cached_property
     def start(self) -> Array:

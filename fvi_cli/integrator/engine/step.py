@@ -108,15 +108,6 @@ class Frame:
         self.damp = [self.to_loads @ one @ t.to_inputs for one in sequences]
 
     @cached_property
-    def damp_before(self) -> list[Array]:
-        """For every direction, from U of earlier steps, the latest last, to load vectors.
-
-        Shape ``(q or 1, s + 1, (B - 1) s)``.
-        """
-        later = [one[:, :0:-1].transpose(0, 2, 1, 3) for one in self.damp]
-        return [one.reshape(*one.shape[:2], -1) for one in later]
-
-    @cached_property
     def points(self) -> Array:
         """From U to the points that remainders depend on, ``(r w, s e)``."""
         displacement, velocity = self.unit.points
