@@ -20,6 +20,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_batch, integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
+from fvi_cli.integrator.run import loop
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
 from fvi_cli.integrator.trajectory import Trajectory
 
@@ -144,7 +145,9 @@ def check_identical(
 def by_blocks_of(most: int) -> Callable[[Case], None]:
     def check(case: Case) -> None:
         mesh = mesh_for(case.scene, case.method, case.n_steps)
-        (found,) = integrate_scenes([case.scene], case.method, mesh, most=most)
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(loop, "block_length", lambda engine, _: 1 if engine.is_single else most)
+            (found,) = integrate_scenes([case.scene], case.method, mesh)
         check_same(case, case.usual, found)
 
     return check
