@@ -37,6 +37,8 @@ BEHIND_KINKS = 1e-6
 """Steps are graded for tolerances below this, relative to the range of the displacement: with equal
 steps of eight stages the force behind a kink has errors of some 1e-4, measured there too.
 Fits compare coarse runs with fine ones."""
+HALVINGS_AT_START = 40
+"""Halvings of the first step of all: between its stages the force begins like a power of t."""
 FEWEST, MOST = 64, 2**14
 """Fewest and most steps with which the polynomials of a displacement are resolved."""
 
@@ -67,8 +69,9 @@ def material_response(
     motion = replace(scene.prescribed, final_time=scene.final_time)
     mesh = mesh_of_motion(motion, method, steps)
     found = _steps_through(motion, method, mesh)
-    kept = [np.isin(np.arange(1, one.n_steps + 1), one.reported) for one in mesh.stretches]
-    reported = np.concatenate([[True], *kept])
+    firsts = np.cumsum([0, *(one.n_steps for one in mesh.stretches)])
+    kept = [first + o.reported for first, o in zip(firsts, mesh.stretches, strict=False)]
+    reported = np.concatenate([[0], *kept])
     trajectory = Trajectory(
         time=found.time[reported],
         position=found.position[reported],
@@ -112,6 +115,35 @@ def _graded(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
         stages=method.degree,
         exponent=lambda at_start: START_POWER if at_start or sharp else None,
     )
+
+
+def halved_mesh(motion: PrescribedMotion, halvings: int) -> Mesh:
+    """A step from kink to kink, halved so often towards its beginning, for forces at kinks.
+
+    There the force behind the kink before is smooth: errors are divided by some 4 with
+    every halving (tests/studies/fits/test_irregular_bench.py).
+    """
+    breaks = motion.break_points
+    stretches: list[Stretch] = []
+    for whole in uniform_mesh(motion.final_time, max(FEWEST, len(breaks) + 1), breaks).stretches:
+        begin, size = whole.begin, whole.step_size
+        count = halvings if begin else HALVINGS_AT_START
+        while count and 2.0**-count * size < least_step(begin):
+            count -= 1
+        # the first two are equally long
+        parts = [0.5**count, *(0.5**k for k in range(count, 0, -1))] if count else [1.0]
+        ends = begin + size * np.cumsum(parts)
+        if whole.n_steps == 1:
+            ends[-1] = whole.end
+        for part, end in zip(parts, ends.tolist(), strict=True):
+            is_fresh = begin == whole.begin
+            stretches.append(
+                Stretch(begin=begin, end=end, n_steps=1, step_size=part * size, is_fresh=is_fresh)
+            )
+            begin = end
+        if whole.n_steps > 1:
+            stretches.append(replace(whole, begin=begin, n_steps=whole.n_steps - 1, is_fresh=False))
+    return Mesh(stretches=tuple(stretches))
 
 
 def _alike(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:

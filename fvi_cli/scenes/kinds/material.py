@@ -66,11 +66,11 @@ class Material(Kind):
 
     def build_scene(self) -> Scene:
         """The law along its displacement."""
+        return self.along(self.build_motion())
+
+    def build_motion(self) -> PrescribedMotion:
+        """The displacement."""
         final_time = float(self.final_time or 0.0)
-        check_names((COORDINATE,), self.parameters)
-        terms = self.law if isinstance(self.law, list) else [self.law]
-        damping, laws = build_damping(terms, (COORDINATE,), place="law")
-        check_names_of_dampers((*damping, *laws), "law")
         displacement = build_forcing(
             self._numeric(self.displacement), 1, "displacement", final_time=final_time
         )
@@ -78,8 +78,16 @@ class Material(Kind):
             raise ArgumentError("displacement", "it is constant; give a displacement that changes")
         motion = PrescribedMotion(displacement=displacement, final_time=final_time)
         motion.check()
+        return motion
+
+    def along(self, motion: PrescribedMotion) -> Scene:
+        """The law along a displacement."""
+        check_names((COORDINATE,), self.parameters)
+        terms = self.law if isinstance(self.law, list) else [self.law]
+        damping, laws = build_damping(terms, (COORDINATE,), place="law")
+        check_names_of_dampers((*damping, *laws), "law")
         for one in damping:
-            if one.order > 1 and (motion.kinks or displacement.break_points):
+            if one.order > 1 and (motion.kinks or motion.displacement.break_points):
                 raise ArgumentError(
                     f"law.{one.number - 1}.order",
                     f"{one.order:g} is not allowed with straight lines between samples: its force "
@@ -89,7 +97,7 @@ class Material(Kind):
             inertia=Inertia(mass=1.0),
             initial_position=np.array([motion.start]),
             initial_velocity=np.array([motion.start_rate]),
-            final_time=final_time,
+            final_time=motion.final_time,
             damping=damping,
             laws=laws,
             prescribed=motion,
@@ -112,9 +120,13 @@ class Material(Kind):
 
     def build_problem(self) -> Problem:
         """The law along its displacement, which has no errors."""
+        return self.problem_along(self.build_motion())
+
+    def problem_along(self, motion: PrescribedMotion) -> Problem:
+        """The problem of the law along a displacement."""
         return Problem(
             kind=self.kind,
-            scene=self.build_scene(),
+            scene=self.along(motion),
             exact_source="none",
             equation=self.equation,
             coordinates=(COORDINATE,),

@@ -129,7 +129,7 @@ def _polished(
         if ratio <= DISCRETISATION or tolerance <= LAST_TOLERANCE:
             model.meshes = used
             return best, ratio
-        tolerance = max(LAST_TOLERANCE, 1e-4 * tolerance)
+        tolerance = max(LAST_TOLERANCE, 1e-3 * tolerance)
 
 
 def _is_clean(model: MotionModel, best: Found) -> bool:

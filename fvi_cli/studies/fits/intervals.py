@@ -96,7 +96,8 @@ class Profile:
     def __init__(
         self, model: MotionModel, best: Found, index: int, variance: float, threshold: float
     ) -> None:
-        self._model, self._best, self._near, self._index = model, best, best, index
+        self._model, self._best, self._index = model, best, index
+        self._found = [best]  # minima at some values of the parameter
         self._variance, self._threshold = variance, threshold
         self.points: list[tuple[float, float]] = []  # values and signed roots of the increase
         self.reached = float(best.point[index])  # the farthest value known to lie inside
@@ -111,18 +112,14 @@ class Profile:
         BetterMinimumError
             If it is less than at the minimum.
         """
-        best, near, index = self._best, self._near, self._index
+        best, index = self._best, self._index
         centre = float(best.point[index])
         if value == centre:
             return -self._threshold
-        # the others are moved to first order
-        others = np.delete(np.arange(near.point.size), index)
-        jacobian = near.at.jacobian
-        pushed = near.at.residuals + jacobian[:, index] * (value - near.point[index])
-        start = near.point.copy()
-        start[others] -= np.linalg.lstsq(jacobian[:, others], pushed, rcond=1e-7)[0]
-        start[others] = np.clip(start[others], *(np.array(b)[others] for b in self._model.bounds))
-        start[index] = value
+        near = min(self._found, key=lambda one: abs(float(one.point[index]) - value))
+        if near.point[index] == value:
+            return self._compared(near)
+        start = self._expected(near, value)
         gain = CLOSE * self._threshold**2 * self._variance
         fit = partial(
             least_squares_from, self._model, most=30, tolerance=1e-8, gain=gain, fixed=index
@@ -137,11 +134,37 @@ class Profile:
             raise RunFailedError(found.message)
         if found.cost < best.cost - BETTER * self._variance:
             raise BetterMinimumError(found.point)
-        root = math.sqrt(max(found.cost - best.cost, 0.0) / self._variance)
+        self._found.append(found)
+        root = self._root(found)
         self.points.append((value, math.copysign(root, value - centre)))
         if root < self._threshold and abs(value - centre) > abs(self.reached - centre):
-            self.reached, self._near = value, found
+            self.reached = value
+        return self._compared(found)
+
+    def _root(self, found: Found) -> float:
+        return math.sqrt(max(found.cost - self._best.cost, 0.0) / self._variance)
+
+    def _compared(self, found: Found) -> float:
+        root = self._root(found)
         return 0.0 if abs(root / self._threshold - 1.0) <= CLOSE else root - self._threshold
+
+    def _expected(self, near: Found, value: float) -> Array:
+        """Where the minimum for a value may lie: between two others, or to first order."""
+        index, (low, high) = self._index, self._model.bounds
+        place = float(near.point[index])
+        beyond = [one for one in self._found if (one.point[index] - value) * (place - value) < 0]
+        if beyond:
+            other = min(beyond, key=lambda one: abs(float(one.point[index]) - value))
+            share = (value - place) / (other.point[index] - place)
+            start = near.point + share * (other.point - near.point)
+        else:
+            others = np.delete(np.arange(near.point.size), index)
+            jacobian, start = near.at.jacobian, near.point.copy()
+            pushed = near.at.residuals + jacobian[:, index] * (value - place)
+            start[others] -= np.linalg.lstsq(jacobian[:, others], pushed, rcond=1e-7)[0]
+            start = np.clip(start, low, high)
+        start[index] = value
+        return np.asarray(start)
 
     def end(self, step: float, limit: float) -> float:
         """The end of the interval in the direction of a first step; nan where it was not found."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -9,20 +10,29 @@ from typing import Any
 
 import numpy as np
 
+from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import RunFailedError, run_steps
 from fvi_cli.integrator.gradients.parameters import Described, parameter_of
+from fvi_cli.integrator.material import halved_mesh
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.kinds.material import Material
+from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.registry import read_problem
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel
 from fvi_cli.studies.members import with_values
 
 MOST_STEPS, MORE_STEPS = 20_000, 100
 """Most steps of a run; during the search: two for every measurement, and so many more."""
+COARSE_SHARE, LEAST_SHARE_OF_HALVED = 1e-4, 1e-10
+"""Tolerances relative to the range of a displacement with kinks: a halving behind each for every
+decade below the first one, and steps graded in full below the second one."""
 COARSE = 64
 """Number of steps of the runs that find the size of a motion."""
 
@@ -54,6 +64,9 @@ class MotionModel:
         self.free = model.parameters
         self.sizes = [one.values.size for one in self.series]
         self.meshes: list[AnySteps] = []
+        # displacements that are given, and the steps through them, which no parameter changes
+        self._motions: dict[int, PrescribedMotion] = {}
+        self._runs: dict[int, tuple[AnySteps, RunSteps]] = {}
 
     def split(self, residuals: Array) -> list[Array]:
         """Residuals of every series in the unit of the data."""
@@ -100,7 +113,13 @@ class MotionModel:
         values, data = values.copy(), self.data[number]
         values[index] = value if index >= 0 else values[index]
         specified = with_values(self.model.specification, self.assignments(number, values))
-        problem = build_problem(specified)
+        kind = read_problem(specified)
+        if isinstance(kind, Material) and not self._moves_displacement:
+            if number not in self._motions:
+                self._motions[number] = kind.build_motion()
+            problem: AnyProblem = kind.problem_along(self._motions[number])
+        else:
+            problem = kind.build_problem()
         scene = problem.scene
         assert isinstance(scene, Scene)
         names = Observations(
@@ -109,6 +128,32 @@ class MotionModel:
             inputs=problem.inputs,
         )
         return scene if data.forces else replace(scene, final_time=data.last_time), names
+
+    @property
+    def _moves_displacement(self) -> bool:
+        """Whether a parameter may change a displacement that is given."""
+        keys = ("problem.displacement", "problem.parameters")
+        return any(one.key.startswith(keys) for one in self.free)
+
+    def _steps_through_kinks(self, scene: Scene, tolerance: float) -> Mesh | None:
+        """Few steps through a displacement with kinks, where forces are measured; or None."""
+        if scene.prescribed is None or not scene.prescribed.kinks:
+            return None
+        motion = replace(scene.prescribed, final_time=scene.final_time)
+        at_kinks = motion.displacement(np.array([0.0, *motion.break_points, motion.final_time]))
+        share = tolerance / float(np.ptp(at_kinks))
+        if share < LEAST_SHARE_OF_HALVED:
+            return None
+        return halved_mesh(motion, max(0, round(math.log10(COARSE_SHARE / share))))
+
+    def _run(self, number: int, scene: Scene) -> RunSteps:
+        """The run of a data set on the steps that were chosen last."""
+        mesh = self.meshes[number]
+        if number not in self._motions:
+            return run_steps(scene, METHOD, mesh)
+        if number not in self._runs or self._runs[number][0] is not mesh:
+            self._runs[number] = mesh, run_steps(scene, METHOD, mesh)
+        return self._runs[number][1]
 
     def remesh(self, inner: Array, tolerance: float) -> None:
         """Choose the steps anew, for motions near this point.
@@ -123,7 +168,9 @@ class MotionModel:
         for number, data in enumerate(self.data):
             if not data.forces:
                 scene, _ = self.described(number, self.values(inner))
-                self.meshes[number] = run_steps(scene, METHOD, steps).mesh(scene.break_points)
+                self.meshes[number] = self._steps_through_kinks(scene, tolerance) or run_steps(
+                    scene, METHOD, steps
+                ).mesh(scene.break_points)
 
     def loosen(self, tolerance: float) -> None:
         """Choose the steps of every run on its own from now on.
@@ -197,7 +244,7 @@ class MotionModel:
         if data.forces:
             direction: Any = self.model.specification.get("ground_direction", 1.0)
             return predict_response(described[0], data, parameters, direction)
-        return predict_motion(described, self.meshes[number], data, parameters)
+        return predict_motion(described, self._run(number, described[0]), data, parameters)
 
     def curves(self, inner: Array, count: int) -> list[Array]:
         """For every series times and fitted values, for a figure, shape ``(2, count)``."""

@@ -13,11 +13,11 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.along import Along
-from fvi_cli.integrator.gradients.gradient import jacobians, run_steps
+from fvi_cli.integrator.gradients.gradient import jacobians
 from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.gradients.parameters import Described, Parameter, by_rule
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.fits.settings import Amplitude, DataSet
@@ -32,17 +32,11 @@ MATRICES = ("mass", "stiffness", "damping.", "laws.")
 
 
 def predict_motion(
-    described: Described, steps: AnySteps, data: DataSet, parameters: Sequence[Parameter]
+    described: Described, steps: RunSteps, data: DataSet, parameters: Sequence[Parameter]
 ) -> Predicted:
-    """Predict the measured columns of a motion.
-
-    Raises
-    ------
-    RunFailedError
-        If the run does not come to its end.
-    """
+    """Predict the measured columns of a motion from the steps of its run."""
     scene, names = described
-    run = LinearisedRun(scene, METHOD, run_steps(scene, METHOD, steps))
+    run = LinearisedRun(scene, METHOD, steps)
     every = []
     for one in data.series:
         formula = one.formula or Expression.parse(one.name, variables=(one.name,))

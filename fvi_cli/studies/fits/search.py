@@ -14,16 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.gradients.gradient import RunFailedError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.settings import DataSet
 
 REACH = 1.0
 """Number of decades on either side of their start over which positive parameters are scanned."""
-SAME = 0.01
+SAME = 0.05
 """Candidates closer than this in every inner parameter count as one."""
-ROUGH, FINE = 1e-3, 1e-10
+ROUGH, FINE = 0.03, 1e-10
 """Tolerances of parameters on a part of the data, and of the estimates."""
+ENOUGH = 1e-9
+"""Share of the misfit below which a further gain is less than a hundredth of an error."""
 PRIMES = np.array([k for k in range(2, 400) if all(k % j for j in range(2, k))])
 HOPELESS = 30.0
 """Candidates with more than so many times the misfit of the best are dropped."""
@@ -97,6 +99,16 @@ def least_squares_from(
         raise RunFailedError("the run fails at the start of least squares")
     if not free.size:
         return Found(point=begin, at=first)
+    # full steps as long as they do what the linear model says; the last one needs no check
+    for _ in range(most):
+        step, possible = _linear_step(first, free)
+        if possible < max(gain, ENOUGH * first.cost, tolerance**2 * first.cost):
+            return Found(point=begin, at=first)
+        tried = np.clip(begin[free] - step, _inside(low, high), _inside(high, low))
+        found = at(tried)
+        if found is None or found.cost > first.cost - 0.5 * possible:
+            break
+        begin[free], first = tried, found
     with np.errstate(all="ignore"):
         done = least_squares(
             residuals,
@@ -105,7 +117,7 @@ def least_squares_from(
             bounds=(low, high),
             x_scale="jac",
             xtol=tolerance,
-            ftol=max(1e-13, 0.01 * tolerance, gain / max(first.cost, 1e-300)),
+            ftol=max(1e-13, tolerance**2, gain / max(first.cost, 1e-300)),
             gtol=1e-14,
             max_nfev=most,
         )
@@ -114,6 +126,13 @@ def least_squares_from(
     assert end is not None
     message = "" if done.status > 0 else str(done.message).rstrip(".")
     return Found(point=point, at=end, message=message)
+
+
+def _linear_step(at: Evaluation, free: Integers) -> tuple[Array, float]:
+    """The step to the minimum of the linear model, and by how much the misfit falls there."""
+    jacobian = at.jacobian[:, free]
+    step = np.asarray(np.linalg.lstsq(jacobian, at.residuals, rcond=1e-12)[0], dtype=float)
+    return step, float(np.sum((jacobian @ step) ** 2))
 
 
 def _inside(bound: Array, other: Array, share: float = 1e-9) -> Array:
@@ -142,8 +161,9 @@ def search(model: MotionModel, scale: float) -> Found:
     costs = [_cost(parts[0], point) for point in chosen]
     order = [k for k in np.argsort(costs, kind="stable").tolist() if costs[k] < math.inf]
     chosen = [chosen[k] for k in order[:3]]
+    chosen.append(given)
     for one in parts:
-        found = _distinct(one, [*chosen, given], most=7 if one is not parts[-1] else 20)
+        found = _distinct(one, chosen, most=7 if one is not parts[-1] else 20)
         if not found:
             raise RunFailedError("every run near the starting values fails")
         chosen = [each.point for each in found[:3] if each.cost <= HOPELESS * found[0].cost]

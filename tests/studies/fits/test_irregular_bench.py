@@ -1,10 +1,13 @@
 """Fits of a damper on the bench to samples at any times: what their steps are worth."""
 
+import itertools
+
 import numpy as np
 
 from benchmarks.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
 from fvi_cli.config import parse_config
-from fvi_cli.integrator.material import mesh_of_motion
+from fvi_cli.integrator.gradients.gradient import run_steps
+from fvi_cli.integrator.material import halved_mesh, mesh_of_motion
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.expressions import Expression
@@ -34,10 +37,18 @@ def test_steps_behind_kinks_at_any_times_share_their_sizes(tmp_path):
     force = Expression.parse("force", variables=("force",))
     series = Series(name="force", column="f", times=times[1:], values=times[1:], formula=force)
     data = DataSet(name="a", series=(series,), coordinates=("u",))
-    ((found, _),) = predict_motion((scene, Observations(coordinates=("u",))), mesh, data, ())
+
+    def forces(mesh):
+        described = scene, Observations(coordinates=("u",))
+        return predict_motion(described, run_steps(scene, METHOD, mesh), data, ())[0][0]
+
     changes = np.diff(np.append(0.0, np.diff(values) / np.diff(times)))
     exact = [
         sum(c * ramp(t - b) for c, b in zip(changes, times, strict=False) if t > b)
         for t in times[1:].tolist()
     ]
-    assert np.abs(found - exact).max() < 2e-8 * np.abs(exact).max()
+    assert np.abs(forces(mesh) - exact).max() < 2e-8 * np.abs(exact).max()
+    halved = [halved_mesh(scene.prescribed, count) for count in range(4)]
+    errors = [np.abs(forces(one) - exact).max() for one in halved]
+    assert max(errors[1:]) < 2e-5 * np.abs(exact).max()
+    assert all(after < before / 2.5 for before, after in itertools.pairwise(errors))
