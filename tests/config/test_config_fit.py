@@ -2,9 +2,11 @@
 
 from pathlib import Path
 
+import pytest
 from command_line import fvi
 
 from fvi_cli.config import load_config, parse_config
+from fvi_cli.errors import ConfigError
 
 HEAD = """\
 name: decay
@@ -39,6 +41,17 @@ fit:
     problem.damping.0.order: {start: 0.6}
   noise: 0.01
 """
+
+
+def test_noise_relative_to_the_values_is_read_where_none_is_0(folder):
+    relative = GOOD.replace("noise: 0.01", "noise: {relative: 0.02}")
+    columns = relative.replace("{x: x, vx: v}", "{x: x}")
+    text = "".join(line + "\n" for line in DATA.splitlines() if not line.startswith("1.0,"))
+    (folder / "decay.csv").write_text(text)
+    settings = read(folder, columns).experiments[0].fit
+    assert (settings.relative, settings.deviation) == (0.02, None)
+    with pytest.raises(ConfigError, match="column v of decay is 0 at 0, where noise relative"):
+        read(folder, relative)
 
 
 def test_what_is_read(folder):

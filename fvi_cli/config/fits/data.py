@@ -9,7 +9,7 @@ from typing import Any, Final
 
 from pydantic import ValidationError
 
-from fvi_cli.config.fits.keys import Data, FitKeys, ModelKeys, ParameterKeys
+from fvi_cli.config.fits.keys import Data, FitKeys, ModelKeys, NoiseKeys, ParameterKeys
 from fvi_cli.config.members import Choice, place_changes
 from fvi_cli.config.names import FORCE, names_along
 from fvi_cli.config.text.mistakes import Report
@@ -80,10 +80,29 @@ def fit_settings(
             report.add(f"{words}; at least {free + 1} are needed", "data")
         if free == 0:
             report.add("give at least one parameter to be fitted", "parameters")
+    noise = fit.noise
+    relative = noise.relative if isinstance(noise, NoiseKeys) else None
+    if relative is not None:
+        _check_sizes(data, report)
     if len(report) > before:
         return None
-    deviation = None if fit.noise == "auto" else float(fit.noise)
-    return FitSettings(data=tuple(data), models=tuple(models), deviation=deviation)
+    deviation = noise if isinstance(noise, float | int) else None
+    return FitSettings(
+        data=tuple(data), models=tuple(models), deviation=deviation, relative=relative
+    )
+
+
+def _check_sizes(data: Iterable[DataSet], report: Report) -> None:
+    """Refuse measured values of 0, which noise relative to them would make exact."""
+    for one in data:
+        for series in one.series:
+            zeros = series.times[series.values == 0.0]
+            if zeros.size:
+                report.add(
+                    f"column {series.column} of {one.name} is 0 at {zeros[0]:g}, where noise "
+                    "relative to it would be 0; leave this row out, or write a number",
+                    *("noise", "relative"),
+                )
 
 
 def _changed(

@@ -90,6 +90,12 @@ class ModelKeys(Keys):
     )
 
 
+class NoiseKeys(Keys):
+    """Noise that grows with what is measured."""
+
+    relative: Positive = key("Standard deviation relative to every measured value.")
+
+
 class FitKeys(Keys):
     """Parameters, models and measurements of a fit."""
 
@@ -100,8 +106,10 @@ class FitKeys(Keys):
         "Numbers of the problem that are fitted, by key path: "
         "{problem.damping.0.order: {start: 0.5, from: 0.05, to: 1.95}}."
     )
-    noise: Annotated[Literal["auto"] | Positive, BY_FORM] = key(
-        "Standard deviation of the noise: auto (estimated from the residuals), or a number.", "auto"
+    noise: Annotated[Literal["auto"] | Positive | NoiseKeys, BY_FORM] = key(
+        "Standard deviation of the noise: auto (estimated from the residuals), a number, or "
+        "{relative: 0.01}.",
+        "auto",
     )
     models: Annotated[dict[str, ModelKeys], Field(min_length=1)] | None = key(
         "Several descriptions that are fitted to the same data and compared; default: the one of "
