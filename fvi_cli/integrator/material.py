@@ -71,7 +71,7 @@ def material_response(
     found = _steps_through(motion, method, mesh)
     firsts = np.cumsum([0, *(one.n_steps for one in mesh.stretches)])
     kept = [first + o.reported for first, o in zip(firsts, mesh.stretches, strict=False)]
-    reported = np.concatenate([[0], *kept])
+    reported = np.concatenate([[0], *kept]).astype(np.intp)
     trajectory = Trajectory(
         time=found.time[reported],
         position=found.position[reported],

@@ -26,6 +26,8 @@ ROUGH, FINE = 0.03, 1e-10
 """Tolerances of parameters on a part of the data, and of the estimates."""
 ENOUGH = 1e-9
 """Share of the misfit below which a further gain is less than a hundredth of an error."""
+LONGEST = 0.8
+"""Largest share that a step takes from a positive parameter itself, not from its logarithm."""
 PRIMES = np.array([k for k in range(2, 400) if all(k % j for j in range(2, k))])
 HOPELESS = 30.0
 """Candidates with more than so many times the misfit of the best are dropped."""
@@ -104,7 +106,10 @@ def least_squares_from(
         step, possible = _linear_step(first, free)
         if possible < max(gain, ENOUGH * first.cost, tolerance**2 * first.cost):
             return Found(point=begin, at=first)
-        tried = np.clip(begin[free] - step, _inside(low, high), _inside(high, low))
+        # a modulus is linear where its logarithm is not
+        is_linear = np.array([one.is_positive for one in model.free])[free] & (step < LONGEST)
+        change = np.where(is_linear, np.log1p(-np.minimum(step, LONGEST)), -step)
+        tried = np.clip(begin[free] + change, _inside(low, high), _inside(high, low))
         found = at(tried)
         if found is None or found.cost > first.cost - 0.5 * possible:
             break
