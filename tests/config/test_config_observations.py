@@ -51,7 +51,6 @@ def test_expressions_with_parameters_and_the_run(tmp_path):
     trajectory = outcome.finished[0].trajectory
     spring = 2.0 * trajectory.position[:, 0]
     assert np.abs(trajectory.observed.quantities["spring"] - spring).max() < 1e-13
-    assert trajectory.steps is None
     # other values are other runs
     runs = [
         one.experiments[0].runs()[0].specification()

@@ -5,7 +5,7 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from fvi_cli.mathematics.transforms import zeros
+from fvi_cli.mathematics import zeros
 from letters import oscillator, swing
 from spread import spread
 

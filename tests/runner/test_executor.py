@@ -135,10 +135,10 @@ def test_references_are_found_once_and_stored(monkeypatch, tmp_path):
 
 def test_a_stored_file_is_drawn_without_a_reference_run(monkeypatch, tmp_path):
     text = configuration("kind: pendulum, initial: {position: 1.0}, final_time: 2.0", name="many")
-    api.run(load(text + "figures: [error]\n"), output=tmp_path)
+    api.run(load(text + "figures: [convergence]\n"), output=tmp_path)
     (outcome,) = api.recall(tmp_path / "many.h5")
     monkeypatch.setattr("fvi_cli.studies.reference._refined", None)
-    assert outcome.plot("error") is not None
+    assert outcome.plot("convergence") is not None
 
 
 def test_a_run_says_that_its_error_is_not_known_where_the_reference_ends_early():
