@@ -58,11 +58,17 @@ class DamagedFileError(StorageError):
     """HDF5 cannot read a part of a file, or finds a wrong checksum in it."""
 
     def __init__(self, path: Source, part: str, error: BaseException) -> None:
-        words = " ".join(str(error).split())
-        super().__init__(
-            f"{_name_of(path)}: HDF5 cannot read {part}: {words}; runs in other parts are whole; "
-            "move the file away, and its runs are computed again"
-        )
+        if isinstance(path, Path) and not h5py.is_hdf5(path):
+            message = (
+                "is no result file of fvi (not HDF5, or cut off); it is left as it is: move it "
+                "away, or choose another name or --output"
+            )
+        else:
+            message = (
+                f"HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in other parts are "
+                "whole; move the file away, and its runs are computed again"
+            )
+        super().__init__(f"{_name_of(path)}: {message}")
         self.path = path
 
 

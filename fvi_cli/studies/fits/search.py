@@ -136,7 +136,10 @@ def least_squares_from(
 def _linear_step(at: Evaluation, free: Integers) -> tuple[Array, float]:
     """The step to the minimum of the linear model, and by how much the misfit falls there."""
     jacobian = at.jacobian[:, free]
-    step = np.asarray(np.linalg.lstsq(jacobian, at.residuals, rcond=1e-12)[0], dtype=float)
+    # a positive parameter that is nearly 0 has a small column, and may leave 0 all the same
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = 1.0
+    step = np.linalg.lstsq(jacobian / size, at.residuals, rcond=1e-12)[0] / size
     return step, float(np.sum((jacobian @ step) ** 2))
 
 
