@@ -189,7 +189,6 @@ def test_no_parameter_hides_what_formulas_know(kind):
         with pytest.raises(fvi.RequestError) as caught:
             read(**{name: 0.4})
         assert name in str(caught.value)
-        assert "take another" in str(caught.value) or f"such as {name}_0" in str(caught.value)
         # the control
         assert f"{name}_0" in read(**{f"{name}_0": 0.4}).problem.numbers
 

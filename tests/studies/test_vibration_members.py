@@ -37,7 +37,8 @@ def test_modes_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     members = list(dict.fromkeys(row["member"] for row in rows))
     assert len(members) == 6
     with h5py.File(output / "swept-modes.h5") as file:
-        assert [group.attrs["member"] for group in file["swept"].values()] == members
+        groups = file["swept"].values()
+        assert [group.attrs["member"].decode() for group in groups] == members
     for number, (order, size) in enumerate((o, c) for o in (0.3, 0.7) for c in (0.1, 0.2, 8.0)):
         path = tmp_path / f"one-{number}.yaml"
         path.write_text(configuration(problem(size, order), name="one", steps="16"))
