@@ -83,7 +83,9 @@ def method_looks(methods: Sequence[AnyMethod]) -> dict[str, Look]:
     for case, method in distinct.items():
         repeat = seen[method.family]
         seen[method.family] += 1
-        looks[case] = replace(_look(method), dashes=DASHES[repeat % len(DASHES)])
+        # greys are alike: baselines differ by their dashes
+        place = BASELINE_NAMES.index(method.name) if isinstance(method, Baseline) else repeat
+        looks[case] = replace(_look(method), dashes=DASHES[place % len(DASHES)])
     if len(seen) == 1 < len(looks):
         looks = {
             case: replace(cycled(k), marker=_MARKERS[k % len(_MARKERS)])

@@ -153,11 +153,11 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
 
 
 def _string(experiment: Experiment, time: Array, position: Array) -> Panel:
-    """Shapes of a string at some times."""
+    """Shapes of a string at equally spaced times."""
     length = float(experiment.problem_specification.get("length", 1.0))
     place = np.linspace(0.0, length, _POINTS)
     modes = np.sin(np.outer(np.arange(1, position.shape[1] + 1), np.pi * place / length))
-    picked = np.unique(np.linspace(0, time.size - 1, _SHAPES).round().astype(int))
+    picked = np.searchsorted(time, np.linspace(time[0], time[-1], _SHAPES))
     return Panel(
         curves=[Curve(x=place, y=position[k] @ modes, by=float(time[k])) for k in picked],
         x=with_unit("place $s$", experiment.units, "length"),
