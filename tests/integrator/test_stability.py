@@ -5,7 +5,6 @@ import math
 import mpmath
 import numpy as np
 import pytest
-from fvi_cli.mathematics import zeros
 from letters import oscillator, swing
 from spread import spread
 
@@ -17,6 +16,7 @@ from fvi_cli.integrator.stability.determinants import (
 )
 from fvi_cli.integrator.stability.patterns import step_patterns
 from fvi_cli.integrator.stability.prediction import predict_stability
+from fvi_cli.mathematics import zeros
 from fvi_cli.mathematics.zeros import (
     count_zeros,
 )
