@@ -146,7 +146,7 @@ def test_runs_of_another_solver_are_computed_again(folder, monkeypatch):
     assert actions(fvi("run", "quick.yaml", "--dry-run")) == 8 * ["reuse"]
     becomes_another(monkeypatch)
     assert actions(fvi("run", "quick.yaml", "--dry-run")) == 8 * ["compute"]
-    assert "quick: 8 runs, 0 of them stored" in fvi("run", "quick.yaml").stderr
+    assert "quick: 8 runs, 0 of them stored" in fvi("run", "quick.yaml", "-v").stderr
     shown = fvi("show", "results/quick.h5").stdout
     assert shown.count(f"solver_version = {SOLVER_VERSION}") == 8
 

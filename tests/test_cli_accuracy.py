@@ -166,7 +166,7 @@ def test_workers_choose_what_this_process_would(fvi, tmp_path):
 def test_a_search_whose_tolerance_is_met_is_used_again(tolerance, tmp_path):
     """Whatever number of stages it came to."""
     change = f"experiments.0.accuracy.tolerance={tolerance}"
-    arguments = ("run", "accuracy", "--set", change, "-o", tmp_path)
+    arguments = ("run", "accuracy", "-v", "--set", change, "-o", tmp_path)
     first = command_line.fvi(*arguments)
     assert "accuracy: 3 runs, 0 of them stored" in first.stderr
     again = command_line.fvi(*arguments)

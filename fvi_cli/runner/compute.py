@@ -257,7 +257,7 @@ def _report_missing(outcomes: Sequence[Outcome], path: Path) -> None:
 
 def _log_waiting(title: str, runs: Sequence[Run], missing: Sequence[Run]) -> None:
     """Log how many runs are computed, and why members are not a batch."""
-    _logger.info("%s: %d runs, %d of them stored", title, len(runs), len(runs) - len(missing))
+    _logger.debug("%s: %d runs, %d of them stored", title, len(runs), len(runs) - len(missing))
     for experiment in dict.fromkeys(one.experiment for one in missing):
         if words := one_by_one_words(experiment):
             _logger.warning("%s: %s", title, words)

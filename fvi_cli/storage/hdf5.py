@@ -60,8 +60,8 @@ class DamagedFileError(StorageError):
     def __init__(self, path: Source, part: str, error: BaseException) -> None:
         if isinstance(path, Path) and not h5py.is_hdf5(path):
             message = (
-                "is no result file of fvi (not HDF5, or cut off); it is left as it is: move it "
-                "away, or choose another name or --output"
+                "is no result file of fvi (not HDF5, or cut off); move it away, or choose another "
+                "name or --output"
             )
         else:
             message = (

@@ -35,7 +35,7 @@ def test_a_killed_command_loses_what_is_under_way(folder, options):
     assert complete_runs(folder / "results/quick.h5", "slow.yaml") == 2
     # any command finds the runs
     assert here("show", "results/quick.h5", code=0).stdout.count(" ok ") == 2
-    again = here("run", "slow.yaml", *FEW, code=0)
+    again = here("run", "slow.yaml", "-v", *FEW, code=0)
     assert "quick: 2 runs, 2 of them stored" in again.stderr
 
 
@@ -80,7 +80,7 @@ def test_a_worker_that_dies_costs_its_own_batch(folder, monkeypatch):
     assert [row.split()[3] for row in out.splitlines() if "failed" in row] == ["9001"]
     monkeypatch.undo()
     os.chdir(folder)
-    again = here("run", "quick.yaml", *steps, code=0)
+    again = here("run", "quick.yaml", "-v", *steps, code=0)
     assert "6 runs, 5 of them stored" in again.stderr
 
 
@@ -134,7 +134,7 @@ def test_two_commands_and_shards_share_the_work(folder):
     for number in (1, 2, 3):
         here("run", "many.yaml", "-q", "-o", "parts", "--shard", f"{number}/3", code=0)
         assert not (folder / "parts/many.h5").exists()
-    again = here("run", "many.yaml", "-o", "parts", code=0)
+    again = here("run", "many.yaml", "-v", "-o", "parts", code=0)
     assert "many: 400 runs, 400 of them stored" in again.stderr
     assert not (folder / "parts/many.partial").exists()
 

@@ -44,7 +44,7 @@ def computed(caplog) -> int:
 
 @pytest.mark.parametrize("text", [SINGLE, SWEPT])
 def test_another_value_and_back_computes_each_once(tmp_path, caplog, text):
-    caplog.set_level("INFO")
+    caplog.set_level("DEBUG")
     first = run(tmp_path, text)
     assert computed(caplog) == len(first)
     for overrides, count in (((), 0), (("problem.mass=2",), len(first)), ((), 0)):
@@ -60,7 +60,7 @@ def test_another_value_and_back_computes_each_once(tmp_path, caplog, text):
 
 
 def test_a_member_is_the_same_run_as_without_a_sweep(tmp_path, caplog):
-    caplog.set_level("INFO")
+    caplog.set_level("DEBUG")
     (single, _) = run(tmp_path, SINGLE, "problem.stiffness=2")
     swept = run(tmp_path, SWEPT)
     assert computed(caplog) == 4
@@ -89,7 +89,7 @@ def test_parts_are_found_and_folded_by_any_command(tmp_path, monkeypatch):
 
 
 def test_a_result_file_put_among_the_parts_is_folded(tmp_path, caplog):
-    caplog.set_level("INFO")
+    caplog.set_level("DEBUG")
     run(tmp_path / "there", SWEPT, "ladder.steps=[8]")
     run(tmp_path / "here", SWEPT, "ladder.steps=[4]")
     (tmp_path / "here/one.partial").mkdir()
@@ -142,7 +142,7 @@ def test_matrices_and_input_files_come_back(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("damage", ["empty", "cut", "flipped", "foreign"])
 def test_a_damaged_part_is_set_aside_and_its_runs_are_computed(tmp_path, caplog, damage):
-    caplog.set_level("INFO")
+    caplog.set_level("DEBUG")
     path, finished = tmp_path / "one.h5", run(None, SWEPT)
     store = Store(path)
     add(store, finished)
@@ -157,7 +157,7 @@ def test_a_damaged_part_is_set_aside_and_its_runs_are_computed(tmp_path, caplog,
         assert np.array_equal(one.trajectory.position, other.trajectory.position)
     assert computed(caplog) == 6
     assert [one.suffix for one in store.folder.iterdir()] == [".damaged"]
-    assert any("HDF5 cannot read" in one for one in caplog.messages)
+    assert any("HDF5" in one for one in caplog.messages)
 
 
 def contents(path) -> list[object]:
