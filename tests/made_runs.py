@@ -55,7 +55,7 @@ def made_run(run: Run, error: float, **changes: Any) -> FinishedRun:
         "trajectory": Trajectory(**trajectory),
         "floor": 1e-13,
         "status": "ok",
-        "expected_order": 2.0,
+        "order_smooth": 2.0,
         "reference": "expression",
         **{key: value for key, value in changes.items() if key in own},
     }
@@ -65,7 +65,7 @@ def made_run(run: Run, error: float, **changes: Any) -> FinishedRun:
 def powers(run: Run) -> FinishedRun:
     """BDF1 has order 1, everything else order 2, with round constants."""
     order = 1 if run.method == BDF1 else 2
-    return made_run(run, 2.0 ** (-order * math.log2(run.n_steps)), expected_order=float(order))
+    return made_run(run, 2.0 ** (-order * math.log2(run.n_steps)), order_smooth=float(order))
 
 
 def table_of(
@@ -86,7 +86,7 @@ def row(n_steps: int, error: float, **changes: Any) -> OrderRow:
         error=error,
         floor=1e-13,
         status="ok" if math.isfinite(error) else "diverged",
-        expected_order=2.0,
+        order_smooth=2.0,
     )
     return dataclasses.replace(made, **changes)
 
@@ -152,7 +152,7 @@ def made_study(
             run,
             error(run),
             status=status(run),
-            expected_order=ORDERS.get(getattr(run.method, "cq", ""), math.nan),
+            order_smooth=ORDERS.get(getattr(run.method, "cq", ""), math.nan),
             time=time,
             position=(np.sin(time) + offset)[:, None],
             momentum=np.cos(time)[:, None],

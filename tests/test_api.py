@@ -97,7 +97,6 @@ def test_a_result_file_tells_what_it_holds(tmp_path):
     stored = fvi.contents(tmp_path / "free.h5")
     assert [run.values["n_steps"] for run in stored.runs] == [4, 8, 16, 32]
     assert "gauss-s2-graded" in fvi.as_text(stored)
-    assert fvi.load(yaml.safe_load(fvi.configuration(tmp_path / "free.h5").text)).name == "free"
 
 
 COMMANDS = {  # what each command prints under a heading, by the call that stands for it
@@ -150,12 +149,6 @@ def test_costs_are_measured():
     assert [row.status for row in tables[0].rows] == ["ok", "ok"]
     assert "Gauss2" in fvi.as_text(tables)
     assert list(fvi.figures(tables)) == ["free-cost"]
-
-
-def test_a_starter_and_the_schema_are_given():
-    assert fvi.load(yaml.safe_load(fvi.starter_config("pendulum"))).name == "my-pendulum"
-    assert "$defs" in fvi.json_schema()
-    assert "damped-oscillator" in fvi.shipped_configurations()
 
 
 def test_nothing_is_written_without_a_folder(tmp_path, monkeypatch):

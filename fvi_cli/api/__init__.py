@@ -6,9 +6,8 @@
 command             call
 =================== ===========================================================================
 ``fvi check``       :func:`load`
-``fvi list``        :func:`shipped_titles`
 ``fvi run``         :func:`run`
-``fvi show``        :func:`contents`, :func:`configuration`; every run: :func:`recall`
+``fvi show``        :func:`contents`; every run: :func:`recall`
 ``fvi convergence`` :func:`order_tables` of what :func:`run` or :func:`recall` gives
 ``fvi plot``        :func:`figures` of the same
 ``fvi quantities``  :func:`quantities` of the same; every run: ``trajectory.observed``
@@ -18,9 +17,6 @@ command             call
 ``fvi cost``        :func:`cost`
 ``fvi fit``         :func:`fit`
 ``fvi export``      :func:`export`
-
-``fvi new``         :func:`starter_config`, :func:`json_schema`
-``fvi guide``       ``fvi_cli.config.guide_page``
 =================== ===========================================================================
 
 :func:`as_text` returns what a command prints of a result, and :func:`write` writes the result to

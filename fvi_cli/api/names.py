@@ -3,10 +3,6 @@
 from fvi_cli.api.derivatives import Gradient as Gradient
 from fvi_cli.api.derivatives import gradient as gradient
 from fvi_cli.config import LoadedConfig as LoadedConfig
-from fvi_cli.config import json_schema as json_schema
-from fvi_cli.config import shipped_configs as _shipped_configs
-from fvi_cli.config import shipped_titles as shipped_titles
-from fvi_cli.config import starter_config as starter_config
 from fvi_cli.effects.damping import FractionalDamping as FractionalDamping
 from fvi_cli.effects.forcing import Forcing as Forcing
 from fvi_cli.effects.forcing import ForcingPiece as ForcingPiece
@@ -35,7 +31,6 @@ from fvi_cli.integrator.meshes.controller import AdaptiveSteps as AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh as Mesh
 from fvi_cli.integrator.meshes.mesh import graded_mesh as graded_mesh
 from fvi_cli.integrator.meshes.mesh import mesh_of as mesh_of
-from fvi_cli.integrator.meshes.mesh import uniform_mesh as uniform_mesh
 from fvi_cli.integrator.method import Baseline as Baseline
 from fvi_cli.integrator.method import Method as Method
 from fvi_cli.integrator.method import method_named as method_named
@@ -67,12 +62,9 @@ from fvi_cli.scenes.data import pendulum as pendulum
 from fvi_cli.scenes.lagrangian import double_pendulum as double_pendulum
 from fvi_cli.scenes.lagrangian import lagrangian_scene as lagrangian_scene
 from fvi_cli.scenes.problem import Problem as Problem
-from fvi_cli.scenes.registry import build_problem as build_problem
 from fvi_cli.scenes.structures.structure import structure as structure
-from fvi_cli.storage import StoredConfiguration as StoredConfiguration
 from fvi_cli.storage import StoredFile as StoredFile
 from fvi_cli.storage import list_runs as _list_runs
-from fvi_cli.storage import read_configuration as _read_configuration
 from fvi_cli.storage.export import export_file as _export_file
 from fvi_cli.studies.cost import CostTable as CostTable
 from fvi_cli.studies.experiment import Experiment as Experiment
@@ -80,18 +72,14 @@ from fvi_cli.studies.experiment import FinishedRun as FinishedRun
 from fvi_cli.studies.experiment import Run as Run
 from fvi_cli.studies.fits.result import FitResult as FitResult
 from fvi_cli.studies.order import OrderTable as OrderTable
-from fvi_cli.studies.order import order_table as order_table
 from fvi_cli.studies.stability_study import StabilityTable as StabilityTable
-from fvi_cli.studies.study import study as study
 from fvi_cli.studies.tolerance.search import solve as solve
 from fvi_cli.studies.vibration.modes import Mode as Mode
 from fvi_cli.studies.vibration.modes import ModeTable as ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable as ResponseTable
 
 # under their own names
-shipped_configurations = _shipped_configs
 contents = _list_runs
-configuration = _read_configuration
 export = _export_file
 bagley_torvik = damped_oscillator = linear_oscillator
 lagrangian = lagrangian_scene

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -80,14 +81,14 @@ class QuadraticPotential(MatrixEffect):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _StiffenedPotential:
+class _StiffenedPotential(ABC):
     """A potential energy to which :math:`q^T K q / 2` may be added for a matrix K."""
 
     stiffness: Form | None = None  # K
 
+    @abstractmethod
     def _of(self, name: str, position: Array) -> Array:
         """V, its gradient or its Hessian without the matrix."""
-        raise NotImplementedError
 
     @np.errstate(all="ignore")
     def energy(self, position: Array) -> Array:

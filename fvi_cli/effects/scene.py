@@ -106,9 +106,11 @@ class Scene:
         """Refuse effects of another type or size."""
         for name, kind in (("damping", FractionalDamping), ("laws", Law)):
             given = getattr(self, name)
-            if not (isinstance(given, list | tuple) and all(isinstance(x, kind) for x in given)):
-                raise ArgumentError(name, f"{given!r} is no list of {kind.__name__}")
-            object.__setattr__(self, name, tuple(given))
+            values = given if isinstance(given, list | tuple) else [given]
+            if wrong := [x for x in values if not isinstance(x, kind)]:
+                words = f"{type(wrong[0]).__name__} is no {kind.__name__}"
+                raise ArgumentError(name, f"{words}; give a list of {kind.__name__}")
+            object.__setattr__(self, name, tuple(values))
         if self.forcing is not None and not isinstance(self.forcing, Forcing):
             raise ArgumentError("forcing", "no Forcing; write fvi.Forcing.from_text('sin(t)')")
         every: list[Any] = [self.potential, self.linear_potential, self.lagrangian, self.forcing]

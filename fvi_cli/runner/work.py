@@ -95,7 +95,7 @@ def batches_of(runs: Sequence[Run]) -> list[Batch]:
 
 
 def reference_batches_of(runs: Sequence[Run]) -> list[Batch]:
-    """Batches of the references of runs: one run for every scene that needs a refined run."""
+    """Batches of the references of runs: one run for every scene that needs a reference run."""
     packs: dict[tuple[object, ...], dict[object, Run]] = {}
     for run in filter(needs_refined_run, runs):
         number = -1 if run.member is None else run.member.number // pack_size(run.experiment)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 from fvi_cli.storage.fields import TIME, axes_of, counts_in
 
 BY_MEMBER: Final = ("identity", "number", "points", "error", "status", "predicted", "floor",
-                    "expected_order", "seconds", "history_operations")  # fmt: skip
+                    "order_smooth", "seconds", "history_operations")  # fmt: skip
 """Columns even where all members have the same value."""
 FILL: Final[Mapping[str, Any]] = {"f": 9.969209968386869e36, "i": -9223372036854775806}
 """The netCDF library's own fill values, for members that lack a value that others have."""
@@ -75,7 +76,7 @@ def are_equal(values: Sequence[Any]) -> bool:
 
 
 @dataclass
-class Rows:
+class Rows(ABC):
     """Runs of one group: a single run, or members of a sweep."""
 
     common: dict[str, Any] = field(default_factory=dict)  # values that all of them share
@@ -110,9 +111,9 @@ class Rows:
             own = (column[row] for column in columns)
             yield {**self.common, **dict(zip(self.columns, own, strict=True))}
 
+    @abstractmethod
     def arrays(self, first: int, last: int) -> dict[str, NDArray[Any]]:
         """Arrays of some runs, with a first axis for the runs unless :func:`is_shared`."""
-        raise NotImplementedError
 
     def is_shared(self, name: str) -> bool:
         """Whether an array has no axis for the runs: all have it in common, or there is one run."""

@@ -164,7 +164,7 @@ FIELDS: Final[tuple[Field, ...]] = (
           "measured.round_off"),
     Field("reference_error", "error of the reference", "measured.reference"),
     Field("floor", "errors below are round-off or the reference's own", "floor"),
-    Field("expected_order", "order on smooth data", "expected_order"),
+    Field("order_smooth", "order on smooth data", "order_smooth"),
     Field("reference", "what the error is measured against", "reference"),
     Field("status", "what was observed", "status"),
     Field("predicted", "what the stability analysis said", "predicted"),
@@ -323,10 +323,10 @@ def finished_of(
     if found.measured is None or values["norm"] == run.experiment.norm:
         return found
     # most commands read runs in the norm that they have, and need not wait for this import
-    from fvi_cli.studies.study import expected_order_of, judged
+    from fvi_cli.studies.study import judged, order_smooth_of
 
     own = judged(run, found.trajectory.status, found.measured)
-    return replace(found, expected_order=expected_order_of(run), **own)
+    return replace(found, order_smooth=order_smooth_of(run), **own)
 
 
 @functools.lru_cache(maxsize=4096)

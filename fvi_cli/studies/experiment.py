@@ -294,7 +294,7 @@ class FinishedRun:
     """Observed: ``ok``, ``floor``, ``diverged``, ``failed`` or ``refused``."""
     predicted: Predicted = "unknown"
     """``stable``, ``unstable`` or ``unknown``."""
-    expected_order: float = float("nan")
+    order_smooth: float = float("nan")
     """Order that theory expects on this scene in this norm; nan when none is stated."""
     reference: str = "unknown"
     """The reference of the error, in words."""

@@ -33,7 +33,7 @@ class OrderRow:
     floor: float
     """Errors below are round-off or the reference's own."""
     status: Observed
-    expected_order: float
+    order_smooth: float
     seconds: float = math.nan
     """Time of the steps."""
     history_operations: int = 0
@@ -73,9 +73,9 @@ class OrderCase:
         return pairwise_order(before.error, row.error, before.n_steps, row.n_steps)
 
     @property
-    def expected_order(self) -> float:
+    def order_smooth(self) -> float:
         """The order expected on the finest step."""
-        return self.rows[-1].expected_order if self.rows else math.nan
+        return self.rows[-1].order_smooth if self.rows else math.nan
 
     def columns(self) -> dict[str, str]:
         """The columns ``cq, sampling, degree, quadrature, start``."""
@@ -156,7 +156,7 @@ def _row(finished: FinishedRun) -> OrderRow:
         error=finished.error,
         floor=finished.floor,
         status=finished.status,
-        expected_order=finished.expected_order,
+        order_smooth=finished.order_smooth,
         seconds=finished.trajectory.stepping_seconds,
         history_operations=finished.trajectory.history_operations,
         message=finished.trajectory.message,

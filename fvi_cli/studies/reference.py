@@ -1,4 +1,4 @@
-"""References for errors: an exact solution, or a refined run with an estimate of its error."""
+"""References for errors: an exact solution, or a reference run with an estimate of its error."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ class Tabulated:
 
 
 def needs_refined_run(run: Run) -> bool:
-    """Whether the error may have to be measured against a refined run."""
+    """Whether the error may have to be measured against a reference run."""
     problem = run.experiment.problem
     if run.is_search or run.experiment.observations.impacts or problem.exact_source == "none":
         return False
@@ -100,7 +100,7 @@ def needs_refined_run(run: Run) -> bool:
 
 
 def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
-    """A refined run for the scene of each run of one experiment, at the times of its whole ladder.
+    """A reference run for the scene of each run of one experiment, at the times of its ladder.
 
     None for a scene whose exact solution passed its check.
     """
@@ -147,13 +147,13 @@ def _reference_of(experiment: Experiment, member: Member | None) -> Reference:
 
 
 def find_reference(problem: AnyProblem) -> Reference:
-    """The exact solution where it is known and passes a check, otherwise a refined run.
+    """The exact solution where it is known and passes a check, otherwise a reference run.
 
     The check compares an exact solution with two short runs. If these agree with each other but
-    not with it, it is compared with the refined run, which replaces it where it differs by more
+    not with it, it is compared with the reference run, which replaces it where it differs by more
     than ten times the error of that run.
 
-    The steps of the refined run are adaptive, whatever the steps of the ladder are. Its polynomials
+    The steps of the reference run are adaptive, whatever those of the ladder are. Its polynomials
     give the values, and the stated error is its difference from a run of another degree and
     tolerance. If it does not reach the end there are no values; the source says why.
     """
@@ -168,7 +168,7 @@ def find_references(problems: Sequence[AnyProblem]) -> list[Reference]:
 
 
 def _reference(problem: AnyProblem, difference: float | None) -> Reference:
-    """The exact solution unless runs contradict it by a `difference`, else a refined run."""
+    """The exact solution unless runs contradict it by a `difference`, else a reference run."""
     exact, scene, source = problem.exact, problem.scene, problem.exact_source
     known = None if exact is None else Reference(values=exact, error=0.0, source=source)
     if known is not None and (scene is None or difference is None):
@@ -238,6 +238,6 @@ def _refined(scene: Scene) -> Reference:
         # so loose that round-off does not change the words
         bound = round_up(max(2.0 * error, 10.0 * SUFFICIENT * scale, 1e-300))
         words = f"gauss-s8-none, adaptive steps, estimated error below {bound}"
-        return Reference(values=fine, error=error, source=f"refined run ({words})")
-    reason = f"the refined run {last.status}: {last.message}"
+        return Reference(values=fine, error=error, source=f"reference run ({words})")
+    reason = f"the reference run {last.status}: {last.message}"
     return _unknown(scene, f"{WITHOUT_END}, and {reason})")

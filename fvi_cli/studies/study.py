@@ -146,7 +146,7 @@ def assessed(
         trajectory=replace(found, on_mesh=None, remarks=remarks, coordinates=coordinates),
         **judged(run, trajectory.status, measured),
         predicted=prediction.verdict,
-        expected_order=expected_order_of(run),
+        order_smooth=order_smooth_of(run),
         reference=reference.source,
         measured=measured,
     )
@@ -182,7 +182,7 @@ def judged(run: Run, status: Status, measured: Measured) -> dict[str, Any]:
     return {"error": error, "floor": floor, "status": known}
 
 
-def expected_order_of(run: Run) -> float:
+def order_smooth_of(run: Run) -> float:
     """Order on smooth data; nan where it is not to be expected."""
     scene = run.problem.scene
     return math.nan if scene is None else order_on(scene, run.method, run.experiment.grading)

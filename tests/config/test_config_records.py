@@ -7,6 +7,7 @@ import pytest
 
 import fvi_cli as fvi
 from fvi_cli.scenes.chains import frame
+from fvi_cli.scenes.registry import build_problem
 
 HEADER = """\
 PEER NGA STRONG MOTION DATABASE RECORD
@@ -106,7 +107,7 @@ def test_a_function_with_a_jump_has_a_break_point():
         "ground_acceleration": pieces,
         "final_time": 2.0,
     }
-    written = fvi.build_problem(problem)
+    written = build_problem(problem)
     fine = fvi.integrate(written.scene, "gauss4-graded", 40)
     assert np.abs(coarse.position - fine.position).max() < 1e-8
 

@@ -5,6 +5,7 @@ import pytest
 from letters import swing
 
 import fvi_cli as fvi
+from fvi_cli.integrator.meshes.mesh import uniform_mesh
 
 SCENE = swing((0.5, 0.3), T=10.0, x=2.0)
 
@@ -23,5 +24,5 @@ def test_a_name_with_a_mesh_means_the_method_on_its_steps(fine):
     assert np.abs(by_name.position - fine(by_name.time)).max() < 1e-7
     through = fvi.integrate(SCENE, "gauss4", fvi.mesh_of(by_name.time))
     assert np.abs(through.position - by_name.position).max() < 1e-13
-    even = fvi.integrate(SCENE, "gauss4", fvi.uniform_mesh(10.0, 100))
+    even = fvi.integrate(SCENE, "gauss4", uniform_mesh(10.0, 100))
     assert np.array_equal(even.time[[0, -1]], [0.0, 10.0])

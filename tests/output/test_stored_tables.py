@@ -126,8 +126,8 @@ ROW = "csv: made-up: bdf1-nodes-s1-gauss1-none: 4: "
         (altered(error=0.25 * 1.0011), f"{ROW}error: 0.250275 is stored, now 0.25"),
         (altered(error=math.nan), f"{ROW}error: nan is stored"),
         (altered(status="floor"), f"{ROW}status: 'floor' is stored, now 'ok'"),
-        (altered(expected_order=1.5), f"{ROW}order_smooth: 1.5 is stored"),
-        (altered(expected_order=math.nan), f"{ROW}order_smooth: nan is stored"),
+        (altered(order_smooth=1.5), f"{ROW}order_smooth: 1.5 is stored"),
+        (altered(order_smooth=math.nan), f"{ROW}order_smooth: nan is stored"),
         (altered(step_size=0.2501), f"{ROW}step_size: 0.2501 is stored"),
         (with_case(rows=BASE.cases[0].rows[:-1]), "16: not stored"),
         (with_table(norm="l2"), "norm"),
@@ -140,7 +140,7 @@ def test_every_change_of_a_table_is_told(changed, told):
 
 
 def slow(run: Run) -> FinishedRun:
-    return made_run(run, powers(run).error, expected_order=powers(run).expected_order, **SECONDS)
+    return made_run(run, powers(run).error, order_smooth=powers(run).order_smooth, **SECONDS)
 
 
 SECONDS = {"setup_seconds": 9.0, "stepping_seconds": 99.0}
@@ -168,7 +168,7 @@ def near_the_floor(factor: float) -> OrderTable:
         exact = powers(run)
         floor = exact.error / 1500 if last else 1e-13
         error = exact.error * (factor if last else 1.0)
-        return made_run(run, error, floor=floor, expected_order=exact.expected_order)
+        return made_run(run, error, floor=floor, order_smooth=exact.order_smooth)
 
     return table_of(make)
 

@@ -33,13 +33,13 @@ SMALL = one_case(row(2, 0.25), row(4, 0.0625), row(8, math.nan))
 def bent(run: Run, expected: float = 1.0) -> FinishedRun:
     """Slope 1.7: order 2 that becomes 1 on the finest step."""
     error = {2: 1.0, 4: 0.25, 8: 0.0625, 16: 0.03125}[run.n_steps]
-    return made_run(run, error, expected_order=expected)
+    return made_run(run, error, order_smooth=expected)
 
 
 def blowing_up(run: Run) -> FinishedRun:
     """BDF2 diverges on two steps and reaches the floor on one; nothing is expected of BDF1."""
     if run.method == BDF1:
-        return made_run(run, 1.0 / run.n_steps, expected_order=math.nan)
+        return made_run(run, 1.0 / run.n_steps, order_smooth=math.nan)
     error, status = {
         2: (0.5, "ok"),
         4: (3e25, "diverged"),
@@ -51,7 +51,7 @@ def blowing_up(run: Run) -> FinishedRun:
 
 
 def refined(run: Run) -> FinishedRun:
-    reference = "refined run (Gauss4, graded, N = 256, estimated error 1.0e-14)"
+    reference = "reference run (Gauss4, graded, N = 256, estimated error 1.0e-14)"
     return made_run(run, 0.1 / run.n_steps, floor=1e-12 * run.n_steps, reference=reference)
 
 
@@ -59,7 +59,7 @@ def remarked(run: Run) -> FinishedRun:
     remarks = ("start series below t^8",)
     if run.n_steps < 8 and run.method == GAUSS3:
         remarks = (f"no start series: less than 4 steps of {run.step_size:g}",)
-    return made_run(run, 0.1 / run.n_steps, remarks=remarks, expected_order=6.0)
+    return made_run(run, 0.1 / run.n_steps, remarks=remarks, order_smooth=6.0)
 
 
 ENTRIES = {

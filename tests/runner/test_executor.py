@@ -54,7 +54,7 @@ def test_a_batch_gives_what_every_run_gives_alone(text):
         )
         assert one.error == pytest.approx(alone.error, rel=1e-6, abs=1e-11)
         assert (one.status, one.predicted) == (alone.status, alone.predicted)
-        assert (one.reference, one.expected_order) == (alone.reference, alone.expected_order)
+        assert (one.reference, one.order_smooth) == (alone.reference, alone.order_smooth)
     # control: members differ from each other
     assert len({float(one.trajectory.position[-1, 0]) for one in outcome.finished}) == len(runs)
 

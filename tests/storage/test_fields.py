@@ -90,7 +90,7 @@ def test_another_norm_computes_nothing_and_gives_what_it_would_have_given(tmp_pa
     (usual,) = api.run(parse_config(text, "small.yaml"), output=tmp_path)
     assert {one.action for one in plan(other, output=tmp_path)} == {"reuse"}
     (again,) = api.run(other, output=tmp_path)
-    names = ("error", "floor", "status", "expected_order", "reference", "measured")
+    names = ("error", "floor", "status", "order_smooth", "reference", "measured")
     for one, same, before in zip(fresh.finished, again.finished, usual.finished, strict=True):
         for name in names:
             np.testing.assert_equal(getattr(same, name), getattr(one, name))

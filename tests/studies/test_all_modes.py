@@ -9,7 +9,6 @@ from oracles.eigenvalues import Term, Zener, oscillating_modes, unpolished_modes
 from scipy.sparse import csr_array
 from spread import few_of
 
-import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.cole_cole import fractional_maxwell
@@ -17,6 +16,7 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.vibration import modes, sector
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
@@ -246,7 +246,7 @@ def test_repeated_frequencies_with_one_damper(seed):
         "initial": {"position": [0.0] * size},
         "final_time": 1.0,
     }
-    table = find_modes(fvi.build_problem(problem).scene, 50)
+    table = find_modes(build_problem(problem).scene, 50)
     assert len(table.modes) == size
     assert table.is_complete
     damped = sum(mode.damping_ratio > 1e-9 for mode in table.modes)
@@ -261,6 +261,6 @@ def test_a_mode_that_equals_the_bound_of_all_modes():
         "initial": {"position": [0.0, 0.0]},
         "final_time": 1.0,
     }
-    table = find_modes(fvi.build_problem(problem).scene, 10)
+    table = find_modes(build_problem(problem).scene, 10)
     expected = [10.0, np.sqrt(275.0)]
     assert [one.frequency.imag for one in table.modes] == pytest.approx(expected, rel=1e-13)

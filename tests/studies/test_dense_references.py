@@ -10,7 +10,9 @@ from scipy.optimize import brentq
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
+from fvi_cli.studies.order import order_table
 from fvi_cli.studies.reference import find_reference
+from fvi_cli.studies.study import study
 
 Array = NDArray[np.float64]
 SEED = int(os.environ.get("FVI_TEST_SEED", "1"))
@@ -46,8 +48,8 @@ def test_the_order_is_right_where_jumps_meet_no_steps(seed):
         final_time=final_time,
     )
     (experiment,) = parse_config(text, "jumps.yaml").experiments
-    runs = list(fvi.study(experiment))
-    (case,) = fvi.order_table(experiment, runs).cases
+    runs = list(study(experiment))
+    (case,) = order_table(experiment, runs).cases
     assert all(row.status in ("ok", "floor") for row in case.rows)
     # where the jumps lie in their steps moves single errors
     assert 2.5 < case.slope < 5.5
@@ -101,5 +103,5 @@ ladder: {{steps: [50, 100, 200, 400]}}
     error = np.abs(reference.values(times)[:, 0] - between_two_wells(a, b, x, v, times)).max()
     assert error <= max(10.0 * reference.error, 1e-12)
     assert reference.error < 1e-6
-    (case,) = fvi.order_table(experiment, list(fvi.study(experiment))).cases
+    (case,) = order_table(experiment, list(study(experiment))).cases
     assert all(row.status in ("ok", "floor") for row in case.rows)

@@ -5,6 +5,7 @@ import pytest
 from scipy.special import gamma, gammainc
 
 import fvi_cli as fvi
+from fvi_cli.scenes.registry import build_problem
 
 
 def last_value(order: float, function: str, bdf: int, folder) -> float:
@@ -36,7 +37,7 @@ def test_functions_that_start_away_from_zero(order, bdf, tmp_path):
 def test_exact_values_are_those_of_closed_forms(order):
     def exact(function):
         problem = {"kind": "fractional-derivative", "order": order, "function": function}
-        return fvi.build_problem({**problem, "final_time": 2.0}).exact(times)[:, 0]
+        return build_problem({**problem, "final_time": 2.0}).exact(times)[:, 0]
 
     times = np.linspace(0.0, 2.0, 41)
     whole = np.ceil(order)
@@ -57,4 +58,4 @@ def test_exact_values_are_those_of_closed_forms(order):
 def test_what_has_no_exact_values_is_refused(function, order, words):
     problem = {"kind": "fractional-derivative", "order": order, "function": function}
     with pytest.raises(ValueError, match=words):
-        fvi.build_problem({**problem, "final_time": 2.0})
+        build_problem({**problem, "final_time": 2.0})

@@ -10,10 +10,12 @@ from oracles.linear_response import match_scene
 import fvi_cli as fvi
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import graded_mesh
+from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope
+from fvi_cli.studies.study import study
 
 
 def free(order: float, **changes: Any) -> dict[str, Any]:
@@ -54,19 +56,19 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
 ):
     ladder = {"steps": steps, "grading": grading}
     own = experiment(ladder, free(order), rk="gauss", degree=degree, start="none")
-    runs = list(fvi.study(own))
+    runs = list(study(own))
     numbers, errors = zip(*((one.run.n_steps, one.error) for one in runs), strict=True)
     slope = fit_slope(numbers, errors)
     squares = np.polyfit(np.log10(numbers), np.log10(errors), 1, full=True)[1]
     assert np.sqrt(squares.sum() / len(runs)) < 0.05
     stated = 2.0 * degree if expected == 2.0 * degree else math.nan
-    assert [one.expected_order for one in runs] == pytest.approx([stated] * len(runs), nan_ok=True)
+    assert [one.order_smooth for one in runs] == pytest.approx([stated] * len(runs), nan_ok=True)
     assert slope == pytest.approx(expected, abs=0.1)
 
 
 @pytest.mark.parametrize("order", [0.4, 1.6])
 def test_the_adaptive_reference_knows_its_error(order):
-    problem = fvi.build_problem(free(order))
+    problem = build_problem(free(order))
     exact = match_scene(problem.scene).position
     found = reference.find_reference(problem)
     times = graded_mesh(8.0, 300, 2.0)
@@ -88,13 +90,13 @@ PULSE = {
 
 def test_break_points_are_points_of_a_graded_mesh():
     own = experiment({"steps": [16, 32, 64], "grading": 2.5}, PULSE, rk="gauss", degree=2)
-    runs = list(fvi.study(own))
+    runs = list(study(own))
     for one in runs:
         assert 1.0 in one.trajectory.time
         assert one.trajectory.time.size == one.run.n_steps + 1
     slope = fit_slope([one.run.n_steps for one in runs], [one.error for one in runs])
     assert slope == pytest.approx(4.0, abs=0.15)
-    assert runs[0].expected_order == 4.0
+    assert runs[0].order_smooth == 4.0
 
 
 def test_the_mesh_is_part_of_a_run_and_is_stored(tmp_path):

@@ -159,7 +159,7 @@ def pendulum(**keywords: object) -> dict[str, object]:
 def test_a_refined_reference_states_its_error():
     problem = build_problem(pendulum())
     reference = find_reference(problem)
-    assert "refined run" in reference.source
+    assert "reference run" in reference.source
     assert reference.error < 1e-12
     times = np.linspace(0, 4, 49)
     assert reference.values(times).shape == (49, 1)
@@ -181,7 +181,7 @@ def test_a_reference_that_fails_costs_the_errors_but_not_the_runs():
     )
     reference = find_reference(own.problem)
     assert not reference.is_known
-    assert "refined run" in reference.source
+    assert "reference run" in reference.source
     runs = list(study(own))
     assert len(runs) == 2
     assert all(math.isnan(run.error) for run in runs)
@@ -193,7 +193,7 @@ def test_errors_below_that_of_the_reference_are_at_its_floor(error, is_poor):
     run = experiment(steps=(8,)).runs()[0]
     trajectory = execute(run).trajectory
     reference = Reference(
-        values=lambda times: times[:, None] ** 3, error=error, source="refined run"
+        values=lambda times: times[:, None] ** 3, error=error, source="reference run"
     )
     finished = assessed(run, trajectory, prediction_of(run), reference)
     assert finished.status == ("floor" if is_poor else "ok")

@@ -120,7 +120,7 @@ def explained(finished: Sequence[FinishedRun]) -> dict[str, Any]:
     finest = {one.run.method: one for one in sorted(able, key=lambda one: -one.run.step_size)}
     stated = (one.run.experiment.claim(one.run.method) for one in finest.values())
     claims = {claim for claim in stated if claim is not None}
-    orders = {one.expected_order for one in finest.values() if math.isfinite(one.expected_order)}
+    orders = {one.order_smooth for one in finest.values() if math.isfinite(one.order_smooth)}
     floors = [one.floor for one in finished if is_measured(one) and one.error < one.floor]
     return {
         "orders": sorted(orders),

@@ -74,7 +74,7 @@ COLUMNS = (
     ),
     *within(
         "row",
-        Column("order_smooth", "order on smooth data", get="expected_order"),
+        Column("order_smooth", "order on smooth data", get="order_smooth"),
         Column("status", "what was observed"),
         Column("seconds", "of the steps", compared=None),
         Column("history_operations", "multiply-adds on the history", compared=None),
@@ -127,7 +127,7 @@ def _below_floor(stored: Row, fresh: Row) -> set[str]:
 
 def reference_in_words(source: str) -> str:
     """The reference of errors, in words."""
-    if source.startswith("refined run"):
+    if source.startswith("reference run"):
         return f"a {source}"
     if source.startswith("N = "):
         return source
@@ -287,7 +287,7 @@ def _errors(cases: Sequence[OrderCase]) -> Grid:
     sizes = {n: size for n, size, _, _ in reversed(cells)}
     below = {
         "slope": [number(case.slope, ".2f") for case in cases],
-        "on smooth data": [number(case.expected_order, ".3g") for case in cases],
+        "on smooth data": [number(case.order_smooth, ".3g") for case in cases],
         "stated": [number(case.claim, "g") for case in cases],
     }
     return pivot(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Final, Literal
 
@@ -109,9 +110,9 @@ class Kind(Keys):
         """The scene."""
         raise ArgumentError("kind", f"{self.kind!r} is not the name of a scene")
 
+    @abstractmethod
     def build_problem(self) -> AnyProblem:
         """The problem."""
-        raise NotImplementedError
 
 
 class SceneKind(Kind):
@@ -136,7 +137,7 @@ class SceneKind(Kind):
     final_time: Positive = FINAL_TIME
     exact: FormulaOrMany = key(
         "Exact position: expression in t, one per coordinate, or auto: errors are measured against "
-        "a refined run; none: no reference and no errors.",
+        "a reference run; none: no reference and no errors.",
         "auto",
     )
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final, Literal
@@ -78,13 +79,13 @@ class _Term(Keys):
         )
 
     @property
+    @abstractmethod
     def factor(self) -> Any:
         """The factor of the term: a number, matrix or file."""
-        raise NotImplementedError
 
+    @abstractmethod
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The effects; `on` converts a factor to the coefficient for all coordinates."""
-        raise NotImplementedError
 
 
 class Springpot(_Term):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Final, Self
@@ -33,9 +34,9 @@ class FromFile(Keys):
         "SHA-256 of the numbers that were read; filled in.", None
     )
 
+    @abstractmethod
     def read(self, path: Path, name: str) -> NDArray[Any]:
         """The numbers of the file at a path, called `name` in messages."""
-        raise NotImplementedError
 
     @property
     def numbers(self) -> NDArray[Any]:

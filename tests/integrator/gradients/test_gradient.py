@@ -32,6 +32,7 @@ from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.observe.observer import Observer
 from fvi_cli.integrator.observe.request import Observations, names_of
 from fvi_cli.scenes.data import duffing, kepler
+from fvi_cli.scenes.registry import build_problem
 
 GAUSS3, GAUSS8 = (Method(cq="gauss", degree=m, start="none") for m in (3, 8))
 FINE = AdaptiveSteps(tolerance=1e-10)
@@ -130,7 +131,7 @@ SCENES = {
         final_time=5.0,
     ),
     # a mass matrix that depends on the position
-    "double pendulum": fvi.build_problem(
+    "double pendulum": build_problem(
         {
             "kind": "double-pendulum",
             "lengths": [1.0, 0.8],

@@ -8,6 +8,7 @@ from letters import spring, swing
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
+from fvi_cli.scenes.registry import build_problem
 
 
 def pendulum(omega: float = 1.2, x: float = 2.0) -> Scene:
@@ -87,7 +88,7 @@ def test_quantities_of_an_experiment():
 
         def of(order: float, name: str = name) -> Any:
             dampers = [{"order": order, "coefficient": 0.8}]
-            return fvi.build_problem({**FRAME["problem"], "dampers": dampers})
+            return build_problem({**FRAME["problem"], "dampers": dampers})
 
         text = FRAME["quantities"][name]
         again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), {"order": 0.5})

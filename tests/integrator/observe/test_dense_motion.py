@@ -11,6 +11,7 @@ import fvi_cli as fvi
 from fvi_cli.scenes.chains import frame
 from fvi_cli.scenes.data import duffing
 from fvi_cli.scenes.lagrangian import double_pendulum
+from fvi_cli.scenes.registry import build_problem
 
 Array = NDArray[np.float64]
 
@@ -139,7 +140,7 @@ def test_damping_force_of_order_one_and_of_a_known_motion():
     # at the start the velocity is the one that is given, the force that of the polynomial
     assert np.abs(force + 0.7 * velocity)[1:].max() < 1e-9
     # x = t**2.5: the derivative of order 3/2 is Gamma(7/2) t
-    known = fvi.build_problem(
+    known = build_problem(
         {
             "kind": "bagley-torvik",
             "mass": 1.0,
