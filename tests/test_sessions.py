@@ -42,8 +42,7 @@ def answer(command: str) -> str:
         lines += [f"= {done.exit_code}"] if done.exit_code else []
     elif name == "ls":
         found = Path(arguments[0]).rglob("*")
-        hidden = ("journal", ".lock")
-        lines = sorted(p.as_posix() for p in found if p.is_file() and not p.name.endswith(hidden))
+        lines = sorted(p.as_posix() for p in found if p.is_file())
     elif name == "cat":
         lines = Path(arguments[0]).read_text(encoding="utf-8").splitlines()
     else:

@@ -170,8 +170,9 @@ def lines(axes: Axes, panel: Panel) -> None:
 
 def draw_bands(axes: Axes, curve: Curve, colour: str) -> None:
     """Fill the regions around a curve."""
-    for label, low, high in curve.bands:
-        area = axes.fill_between(curve.x, low, high, color=colour, alpha=0.18, linewidth=0)
+    for number, (label, low, high) in enumerate(curve.bands):
+        alpha = 0.18 if number == len(curve.bands) - 1 else 0.36
+        area = axes.fill_between(curve.x, low, high, color=colour, alpha=alpha, linewidth=0)
         area.set_label(label)
 
 

@@ -77,7 +77,7 @@ def reason(error: OSError) -> str:
 
 @contextlib.contextmanager
 def file_lock(path: Path, *, waits: bool) -> Iterator[bool]:
-    """Hold the kernel's lock on `path`, a file of its own that stays.
+    """Hold the kernel's lock on `path`, a file of its own that is removed at the end.
 
     Yields False where another process holds it and this one does not wait, and on file systems
     without locks.
@@ -99,4 +99,7 @@ def file_lock(path: Path, *, waits: bool) -> Iterator[bool]:
     try:
         yield True
     finally:
+        # filelock takes its lock anew where the file it opened has been removed
+        with contextlib.suppress(OSError):
+            path.unlink()
         lock.release()
