@@ -10,12 +10,14 @@ import time
 import tracemalloc
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
 from typing import TypeVar
 from unittest import mock
 
 import numpy as np
 
 Answer = TypeVar("Answer")
+Action = Callable[[], object]
 
 CHILD_ENVIRONMENT = {
     "MALLOC_MMAP_THRESHOLD_": "1073741824",
@@ -26,8 +28,21 @@ CHILD_ENVIRONMENT = {
     "MKL_NUM_THREADS": "1",
 }
 YARDSTICK_REPEATS = 9
-QUICK_SECONDS = 0.05
-"""What takes less is repeated as often as the yardstick."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """What was measured, the figure to meet, and words on how."""
+
+    name: str
+    measured: float
+    goal: float = math.inf
+    how: str = ""
+
+    @property
+    def is_met(self) -> bool:
+        """Whether it is not above its goal."""
+        return self.measured <= self.goal
 
 
 def in_own_process(action: Callable[..., Answer], *arguments: object) -> Answer:
@@ -44,51 +59,57 @@ def in_own_process(action: Callable[..., Answer], *arguments: object) -> Answer:
         return process.submit(action, *arguments).result()
 
 
-def least_seconds(action: Callable[[], object], repeats: int) -> float:
-    """Least time of `repeats` calls, of more where they are quick."""
-    least, count = math.inf, 0
+def processor_seconds(action: Action) -> float:
+    """Processor seconds of one call."""
     gc.collect()
-    while count < repeats or (least < QUICK_SECONDS and count < YARDSTICK_REPEATS):
-        began = time.perf_counter()
-        action()
-        least = min(least, time.perf_counter() - began)
-        count += 1
-        if least > QUICK_SECONDS:
-            gc.collect()
-    return least
+    began = time.process_time()
+    action()
+    return time.process_time() - began
 
 
-def yardstick_seconds(n_steps: int) -> float:
-    """Least time of one ``scipy.fft.rfft`` of length 2N."""
+def least_seconds(action: Action, repeats: int) -> float:
+    """Least processor seconds of so many calls."""
+    return min(processor_seconds(action) for _ in range(repeats))
+
+
+def yardstick_seconds(length: int) -> float:
+    """Least processor seconds of one ``scipy.fft.rfft`` of that length."""
     from scipy.fft import rfft
 
-    values = np.random.default_rng(0).normal(size=2 * n_steps)
+    values = np.random.default_rng(0).normal(size=length)
     return least_seconds(lambda: rfft(values), YARDSTICK_REPEATS)
 
 
-def peak_doubles(action: Callable[[], object], n_steps: int) -> float:
+def peak_doubles(action: Action, n_steps: int) -> float:
     """Traced peak memory of `action` in doubles per step."""
     gc.collect()
     tracemalloc.start()
     try:
         action()
-        _, peak = tracemalloc.get_traced_memory()
+        return tracemalloc.get_traced_memory()[1] / 8 / n_steps
     finally:
         tracemalloc.stop()
-    return peak / 8 / n_steps
 
 
-def number(value: float, form: str) -> str:
+def number(value: float, form: str = ".3g") -> str:
     """The number, or a dash where there is none."""
     return format(value, form) if math.isfinite(value) else "-"
-
-
-def yes_or_no(holds: bool) -> str:
-    """In a word."""
-    return "yes" if holds else "no"
 
 
 def table(remark: str, head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A remark and a Markdown table below it."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join([remark, "", *(f"| {' | '.join(cells)} |" for cells in lines), ""])
+
+
+def figures_table(remark: str, figures: Sequence[Figure]) -> str:
+    """Figures beside their goals."""
+    verdicts = ["yes" if one.is_met else "no" for one in figures]
+    return table(
+        remark,
+        ("what", "measured", "at most", "met", "how"),
+        [
+            (one.name, number(one.measured), number(one.goal), verdict, one.how)
+            for one, verdict in zip(figures, verdicts, strict=True)
+        ],
+    )

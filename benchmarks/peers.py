@@ -7,53 +7,42 @@ is a sum over all steps before. SciPy's DOP853 knows no memory: it takes the pro
 
 from __future__ import annotations
 
+import functools
 import importlib
 import importlib.util
 import itertools
-import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from benchmarks.measuring import number, table
+from benchmarks.measuring import least_seconds, number, table
 
 Array = NDArray[np.float64]
 Solver = Callable[["PeerProblem", int], Array]
 STEPS = (64, 256, 1024)
-MASS, START = 1.0, 1.0
+MU, END = 0.4, 10.0
 
 
-@dataclass(frozen=True, kw_only=True)
-class PeerProblem:
-    """x'' + mu D^gamma x + V'(x) = 0, x(0) = 1, x'(0) = 0 on [0, T].
-
-    Parameters
-    ----------
-    name
-        The problem in words.
-    order, coefficient
-        gamma and mu.
-    force
-        V'(x).
-    slope
-        V''(x).
-    scene
-        The same for the package.
-    """
+class PeerProblem(NamedTuple):
+    """x'' + 0.4 D^gamma x + V'(x) = 0, x(0) = 1, x'(0) = 0 on [0, 10]."""
 
     name: str
-    order: float
-    coefficient: float
-    force: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
-    scene: fvi.Scene
+    order: float  # gamma
+    force: Callable[[Array], Array]  # V'(x)
+    slope: Callable[[Array], Array]  # V''(x)
+    make: Callable[..., fvi.Scene]
+
+    @property
+    def scene(self) -> fvi.Scene:
+        """The same for the package."""
+        damping = [fvi.FractionalDamping(order=self.order, coefficient=MU)]
+        return self.make(damping=damping, initial_position=1.0, final_time=END)
 
 
-@dataclass(frozen=True, kw_only=True)
-class PeerRow:
+class PeerRow(NamedTuple):
     """One run: largest error of the position on its grid, and the least seconds of three runs."""
 
     problem: str
@@ -63,31 +52,13 @@ class PeerRow:
     seconds: float
 
 
-def peer_problems() -> list[PeerProblem]:
-    """A linear oscillator and a pendulum with a springpot, and the oscillator with a dashpot."""
-
-    def made(name: str, order: float, make: Callable[..., fvi.Scene], **more: float) -> PeerProblem:
-        scene = make(
-            damping=[fvi.FractionalDamping(order=order, coefficient=0.4)],
-            initial_position=START,
-            final_time=10.0,
-            **more,
-        )
-        is_linear = "stiffness" in more
-        return PeerProblem(
-            name=name,
-            order=order,
-            coefficient=0.4,
-            force=(lambda x: 4.0 * x) if is_linear else np.sin,
-            slope=(lambda x: np.full_like(x, 4.0)) if is_linear else np.cos,
-            scene=scene,
-        )
-
-    return [
-        made("oscillator, order 1/2", 0.5, fvi.linear_oscillator, stiffness=4.0),
-        made("pendulum, order 1/2", 0.5, fvi.pendulum),
-        made("oscillator, order 1", 1.0, fvi.linear_oscillator, stiffness=4.0),
-    ]
+_oscillator = functools.partial(fvi.linear_oscillator, stiffness=4.0)
+_spring = (lambda x: 4.0 * x), (lambda x: np.full_like(x, 4.0))
+PROBLEMS = (
+    PeerProblem("oscillator, order 1/2", 0.5, *_spring, _oscillator),
+    PeerProblem("pendulum, order 1/2", 0.5, np.sin, np.cos, fvi.pendulum),
+    PeerProblem("oscillator, order 1", 1.0, *_spring, _oscillator),
+)
 
 
 def _of_package(name: str) -> Solver:
@@ -102,13 +73,13 @@ def _pycaputo(scheme: str) -> Solver:
         derivative = importlib.import_module("pycaputo.derivatives").CaputoDerivative
         controller = importlib.import_module("pycaputo.controller").make_fixed_controller
         stepping = importlib.import_module("pycaputo.stepping")
-        h = problem.scene.final_time / n_steps
+        h = END / n_steps
 
         def rate(t: float, y: Array) -> Array:
-            return np.array([y[1], y[2], -problem.coefficient * y[1] - problem.force(y[:1])[0]])
+            return np.array([y[1], y[2], -MU * y[1] - problem.force(y[:1])[0]])
 
         def jacobian(t: float, y: Array) -> Array:
-            last = [-problem.slope(y[:1])[0], -problem.coefficient, 0.0]
+            last = [-problem.slope(y[:1])[0], -MU, 0.0]
             return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], last])
 
         more = {"corrector_iterations": 1} if scheme == "PECE" else {"source_jac": jacobian}
@@ -117,7 +88,7 @@ def _pycaputo(scheme: str) -> Solver:
             # round-off may end it a step early: one more is asked for and not used
             control=controller(h, tstart=0.0, nsteps=n_steps + 1),
             source=rate,
-            y0=(np.array([START, 0.0, 0.0]),),
+            y0=(np.array([1.0, 0.0, 0.0]),),
             **more,
         )
         events = itertools.islice(stepping.evolve(stepper, dtinit=h), n_steps + 1)
@@ -130,16 +101,14 @@ def _dop853(problem: PeerProblem, n_steps: int) -> Array:
     from scipy.integrate import solve_ivp
 
     def rate(t: float, y: Array) -> Array:
-        return np.array([y[1], -problem.coefficient * y[1] - problem.force(y[:1])[0]])
+        return np.array([y[1], -MU * y[1] - problem.force(y[:1])[0]])
 
-    end = problem.scene.final_time
-    points = np.linspace(0.0, end, n_steps + 1)
-    step = end / n_steps
+    points, step = np.linspace(0.0, END, n_steps + 1), END / n_steps
     # the step is fixed: the tolerance is met whatever it is
     found = solve_ivp(
         rate,
-        (0.0, end),
-        [START, 0.0],
+        (0.0, END),
+        [1.0, 0.0],
         "DOP853",
         points,
         first_step=step,
@@ -165,21 +134,13 @@ def solvers(problem: PeerProblem) -> dict[str, Solver]:
 def run_peers(steps: Sequence[int] = STEPS) -> list[PeerRow]:
     """Every method on every problem it takes."""
     rows = []
-    for problem in peer_problems():
+    for problem in PROBLEMS:
         reference = fvi.solve(problem.scene, tolerance=1e-12)
-        for (name, solve), n_steps in itertools.product(solvers(problem).items(), steps):
-            exact = reference(np.linspace(0.0, problem.scene.final_time, n_steps + 1))[:, 0]
-            least = float("inf")
-            for _ in range(3):
-                began = time.process_time()
-                position = solve(problem, n_steps)
-                least = min(least, time.process_time() - began)
-            error = float(np.abs(position - exact).max())
-            rows.append(
-                PeerRow(
-                    problem=problem.name, method=name, n_steps=n_steps, error=error, seconds=least
-                )
-            )
+        for (name, solver), n_steps in itertools.product(solvers(problem).items(), steps):
+            solve = functools.partial(solver, problem, n_steps)
+            exact = reference(np.linspace(0.0, END, n_steps + 1))[:, 0]
+            error = float(np.abs(solve() - exact).max())
+            rows.append(PeerRow(problem.name, name, n_steps, error, least_seconds(solve, 3)))
     return rows
 
 
@@ -194,13 +155,7 @@ def peers_table(rows: Sequence[PeerRow]) -> str:
         remark,
         ["problem", "method", "N", "error", "seconds"],
         (
-            [
-                row.problem,
-                row.method,
-                str(row.n_steps),
-                number(row.error, ".1e"),
-                number(row.seconds, ".2g"),
-            ]
+            [*row[:2], str(row.n_steps), number(row.error, ".1e"), number(row.seconds, ".2g")]
             for row in rows
         ),
     )

@@ -2,65 +2,33 @@
 
 from __future__ import annotations
 
-import math
 import tempfile
-import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 import fvi_cli as fvi
-from benchmarks.measuring import in_own_process, number, table, yes_or_no
+from benchmarks.measuring import (
+    Action,
+    Figure,
+    in_own_process,
+    processor_seconds,
+    yardstick_seconds,
+)
 
-Action = Callable[[], object]
 GAUSS2 = {"rk": "gauss", "degree": 2}
 
 
-@dataclass(frozen=True, kw_only=True)
-class PeopleRow:
-    """A piece of work and what it is measured by.
-
-    Parameters
-    ----------
-    name
-        Both in words.
-    seconds, reference_seconds
-        Processor seconds, the least of three calls in turn.
-    goal
-        Largest ratio of the two.
-    """
-
-    name: str
-    seconds: float
-    reference_seconds: float
-    goal: float
-
-    @property
-    def ratio(self) -> float:
-        """The work as a multiple of what it is measured by."""
-        return self.seconds / self.reference_seconds
-
-
-def processor_seconds(action: Action) -> float:
-    """Processor seconds of one call."""
-    began = time.process_time()
-    action()
-    return time.process_time() - began
-
-
-def _compared(name: str, goal: float, work: Action, reference: Action) -> PeopleRow:
+def _compared(name: str, goal: float, work: Action, reference: Action) -> Figure:
+    """Least processor seconds of three calls in turn, as a ratio."""
     reference()
     pairs = [(processor_seconds(work), processor_seconds(reference)) for _ in range(3)]
-    return PeopleRow(
-        name=name,
-        seconds=min(pair[0] for pair in pairs),
-        reference_seconds=min(pair[1] for pair in pairs),
-        goal=goal,
-    )
+    ours, theirs = (min(own) for own in zip(*pairs, strict=True))
+    how = f"{ours:.3g} s over {theirs:.3g} s"
+    return Figure(name=name, measured=ours / theirs, goal=goal, how=how)
 
 
 @contextmanager
@@ -73,7 +41,7 @@ def _columns(**columns: Any) -> Iterator[str]:
         yield str(path)
 
 
-def building_row(size: int = 300, samples: int = 4000) -> PeopleRow:
+def building_row(size: int = 300, samples: int = 4000) -> Figure:
     """A tall building under a drawn record, with and without quantities of a few storeys."""
     times = 0.005 * np.arange(samples + 1)
     ground = np.random.default_rng(1).normal(size=times.size) * np.exp(-0.2 * times)
@@ -144,7 +112,7 @@ def _batch(drives: Sequence[float], starts: Sequence[float]) -> Action:
     return lambda: fvi.integrate_members(scenes, method, 480)
 
 
-def sweep_row(number_of_members: int = 60) -> PeopleRow:
+def sweep_row(number_of_members: int = 60) -> Figure:
     """A sweep by ``fvi.run`` and its members in one batch."""
     drives = np.linspace(0.2, 0.4, number_of_members).tolist()
     config = fvi.load(_duffing({"problem.parameters.F": drives}))
@@ -156,7 +124,7 @@ def sweep_row(number_of_members: int = 60) -> PeopleRow:
     )
 
 
-def bifurcation_row(number_of_members: int = 40) -> PeopleRow:
+def bifurcation_row(number_of_members: int = 40) -> Figure:
     """A bifurcation diagram: an event in every period of the drive."""
     drives = np.linspace(0.2, 0.4, number_of_members).tolist()
     events = {"period": {"when": "sin(1.1*t)", "direction": "rising"}}
@@ -169,7 +137,7 @@ def bifurcation_row(number_of_members: int = 40) -> PeopleRow:
     )
 
 
-def ensemble_row(number_of_members: int = 200) -> PeopleRow:
+def ensemble_row(number_of_members: int = 200) -> Figure:
     """An ensemble of random starts with output and an event."""
     starts = (0.5 + 1e-3 * np.random.default_rng(2).normal(size=number_of_members)).tolist()
     asked = {"output": {"step": 0.1}, "quantities": {"speed": "vx"}}
@@ -199,10 +167,8 @@ def _model(start: Mapping[str, Any]) -> dict[str, Any]:
     return {"set": {"problem.law": dict(start)}, "parameters": ranges}
 
 
-def fit_row(samples: int = 1500) -> PeopleRow:
+def fit_row(samples: int = 1500) -> Figure:
     """Four laws fitted to a bench test; transforms of 2^20 numbers are what it is measured by."""
-    from scipy.fft import rfft
-
     times = np.linspace(0.0, 12.0, samples)
     moved = 0.01 * np.sin(4.0 * times) * (1.0 + times / 6.0)
     law = {"law": "zener", "order": 0.6, "time": 0.3, "relaxed": 5.0e4, "unrelaxed": 4.0e5}
@@ -220,8 +186,7 @@ def fit_row(samples: int = 1500) -> PeopleRow:
         (made,) = fvi.run(fvi.load({**bench, **asked}))
         force = made.to_dataframe("motions")["f"].to_numpy()
     noisy = force + 20.0 * np.random.default_rng(3).normal(size=samples)
-    signal = np.random.default_rng(0).normal(size=2**20)
-    transform = min(processor_seconds(lambda: rfft(signal)) for _ in range(9))
+    transform = yardstick_seconds(2**20)
     with _columns(t=times, u=moved, f=noisy) as path:
         bench["problem"] = {
             "kind": "material",
@@ -231,15 +196,15 @@ def fit_row(samples: int = 1500) -> PeopleRow:
         data = {"file": path, "time": "t", "columns": {"force": "f"}}
         config = fvi.load({**bench, "fit": {"data": data, **first, "models": models}})
         seconds = processor_seconds(lambda: fvi.fit(config))
-    return PeopleRow(
+    return Figure(
         name=f"four laws fitted to {samples} samples / transforms rfft(2^20)",
-        seconds=seconds,
-        reference_seconds=transform,
+        measured=seconds / transform,
         goal=400.0,
+        how=f"{seconds:.3g} s over {transform:.3g} s",
     )
 
 
-ROWS: Sequence[Callable[[], PeopleRow]] = (
+ROWS: Sequence[Callable[[], Figure]] = (
     building_row,
     sweep_row,
     bifurcation_row,
@@ -248,26 +213,6 @@ ROWS: Sequence[Callable[[], PeopleRow]] = (
 )
 
 
-def run_people() -> list[PeopleRow]:
+def run_people() -> list[Figure]:
     """Every row in a process of its own."""
     return [in_own_process(row) for row in ROWS]
-
-
-def people_table(rows: Sequence[PeopleRow]) -> str:
-    """Markdown: the work, its seconds, the ratio and whether it meets its goal."""
-    remark = "Processor seconds in one thread, the least of three in turn in one process."
-    return table(
-        remark,
-        ["work / measured by", "seconds", "by", "ratio", "goal", "met"],
-        (
-            [
-                row.name,
-                number(row.seconds, ".3g"),
-                number(row.reference_seconds, ".3g"),
-                number(row.ratio, ".3g"),
-                number(row.goal, ".3g"),
-                yes_or_no(row.ratio <= row.goal if math.isfinite(row.ratio) else False),
-            ]
-            for row in rows
-        ),
-    )

@@ -118,12 +118,10 @@ def _draw(
         scale = float(np.abs(total).max())
         pushed = sum(abs(h) * w * 2 for h, _, w, _, _ in pulses)
         error = OF_SCALE * max(scale, pushed * min(1.0, final_time))
-        return Known(
-            times=at, positions=total[:, None], error=error, source="convolution with an impulse"
-        )
+        return Known(at, total[:, None], error, "convolution with an impulse")
 
     kind = "pulses on a slope" if slope else "pulses in motion" if start else "pulses at rest"
-    return Drawn(kind=f"narrower {kind}" if told_at else kind, scene=scene, known=known)
+    return Drawn(f"narrower {kind}" if told_at else kind, scene, known)
 
 
 def _pushed(

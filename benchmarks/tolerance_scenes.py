@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,19 +28,8 @@ Random = np.random.Generator
 TIMES = 200
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Known:
-    """Positions at some times, with the error of them.
-
-    Parameters
-    ----------
-    times, positions
-        Shapes ``(n,)`` and ``(n, d)``.
-    error
-        How far they may be from the truth, a length.
-    source
-        Where they come from.
-    """
+class Known(NamedTuple):
+    """Positions ``(n, d)`` at times ``(n,)``, how far they may be off, and where they come from."""
 
     times: Array
     positions: Array
@@ -48,8 +37,7 @@ class Known:
     source: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Drawn:
+class Drawn(NamedTuple):
     """A random scene; `known` is made when it is asked for."""
 
     kind: str
@@ -78,9 +66,7 @@ def _closed(scene: Scene) -> Known:
     times = _times(scene)
     values = found.position(times).reshape(times.size, -1)
     scale = float(np.abs(values).max())
-    return Known(
-        times=times, positions=values, error=3e-13 * scale, source="residues and branch cut"
-    )
+    return Known(times, values, 3e-13 * scale, "residues and branch cut")
 
 
 def _two_runs(scene: Scene) -> Known:
@@ -94,7 +80,7 @@ def _two_runs(scene: Scene) -> Known:
     one, other = run(12, 1e-13 * size), run(9, 1e-14 * size)
     times = _times(scene)
     apart = float(np.abs(one(times) - other(times)).max())
-    return Known(times=times, positions=one(times), error=2 * apart, source="two fine runs")
+    return Known(times, one(times), 2 * apart, "two fine runs")
 
 
 def _classical(
@@ -122,7 +108,7 @@ def _classical(
 
     fine, coarse = run(3e-14), run(1e-12)
     apart = float(np.abs(fine - coarse).max())
-    return Known(times=times, positions=fine, error=apart, source="DOP853")
+    return Known(times, fine, apart, "DOP853")
 
 
 def linear(random: Random) -> Drawn:
@@ -134,7 +120,7 @@ def linear(random: Random) -> Drawn:
         initial_velocity=float(random.uniform(-1, 1)),
         final_time=float(random.uniform(1, 30)),
     )
-    return Drawn(kind="linear", scene=scene, known=lambda: _closed(scene))
+    return Drawn("linear", scene, lambda: _closed(scene))
 
 
 def strongly_damped(random: Random) -> Drawn:
@@ -146,7 +132,7 @@ def strongly_damped(random: Random) -> Drawn:
         initial_velocity=float(random.uniform(-1, 1)),
         final_time=float(random.uniform(1, 10)),
     )
-    return Drawn(kind="strongly damped", scene=scene, known=lambda: _closed(scene))
+    return Drawn("strongly damped", scene, lambda: _closed(scene))
 
 
 def forced_at_rest(random: Random) -> Drawn:
@@ -170,9 +156,9 @@ def forced_at_rest(random: Random) -> Drawn:
             times.tolist(),
             largest_frequency=max(frequency, math.sqrt(stiffness)),
         )
-        return Known(times=times, positions=values[:, None], error=1e-15, source="Talbot")
+        return Known(times, values[:, None], 1e-15, "Talbot")
 
-    return Drawn(kind="forced at rest", scene=scene, known=known)
+    return Drawn("forced at rest", scene, known)
 
 
 def singular_force(random: Random) -> Drawn:
@@ -184,7 +170,7 @@ def singular_force(random: Random) -> Drawn:
         forcing=Forcing.from_text(f"t**({power!r})"),
         final_time=float(random.uniform(1, 20)),
     )
-    return Drawn(kind="singular force", scene=scene, known=lambda: _closed(scene))
+    return Drawn("singular force", scene, lambda: _closed(scene))
 
 
 def sampled_record(random: Random) -> Drawn:
@@ -227,9 +213,9 @@ def sampled_record(random: Random) -> Drawn:
             later = times > begin
             total[later] += change * ramp.position(times[later] - begin)
         scale = float(np.abs(total).max())
-        return Known(times=times, positions=total, error=1e-12 * scale, source="sum of ramps")
+        return Known(times, total, 1e-12 * scale, "sum of ramps")
 
-    return Drawn(kind="sampled record", scene=scene, known=known)
+    return Drawn("sampled record", scene, known)
 
 
 def duffing_scene(random: Random) -> Drawn:
@@ -243,7 +229,7 @@ def duffing_scene(random: Random) -> Drawn:
         forcing=Forcing.from_text("0.3*cos(1.2*t)") if random.random() < 0.5 else None,
         final_time=float(random.uniform(2, 20)),
     )
-    return Drawn(kind="Duffing", scene=scene, known=lambda: _two_runs(scene))
+    return Drawn("Duffing", scene, lambda: _two_runs(scene))
 
 
 def near_separatrix(random: Random) -> Drawn:
@@ -256,9 +242,9 @@ def near_separatrix(random: Random) -> Drawn:
             return _classical(scene, lambda t, q: -np.sin(q), 0.05)
         times = _times(scene)
         values = 2.0 * np.arctan(np.sinh(times))
-        return Known(times=times, positions=values[:, None], error=1e-15, source="2 arctan(sinh t)")
+        return Known(times, values[:, None], 1e-15, "2 arctan(sinh t)")
 
-    return Drawn(kind="near the separatrix", scene=scene, known=known)
+    return Drawn("near the separatrix", scene, known)
 
 
 def kepler_scene(random: Random) -> Drawn:
@@ -271,7 +257,7 @@ def kepler_scene(random: Random) -> Drawn:
     }
     if random.random() < 0.3:
         damped = kepler(damping=_damping(0.5, 1e-3, 2), **data)  # type: ignore[arg-type]
-        return Drawn(kind="Kepler", scene=damped, known=lambda: _two_runs(damped))
+        return Drawn("Kepler", damped, lambda: _two_runs(damped))
     scene = kepler(**data)  # type: ignore[arg-type]
 
     def known() -> Known:
@@ -291,14 +277,9 @@ def kepler_scene(random: Random) -> Drawn:
             axis=1,
         )
         # what round-off in M makes of it at the pericentre
-        return Known(
-            times=times,
-            positions=values,
-            error=3e-15 / (1 - eccentricity),
-            source="Kepler's equation",
-        )
+        return Known(times, values, 3e-15 / (1 - eccentricity), "Kepler's equation")
 
-    return Drawn(kind="Kepler", scene=scene, known=known)
+    return Drawn("Kepler", scene, known)
 
 
 def general_lagrangian(random: Random) -> Drawn:
@@ -315,7 +296,7 @@ def general_lagrangian(random: Random) -> Drawn:
         damping=_damping(_order(random), float(10 ** random.uniform(-2, 0)), 2),
         final_time=float(random.uniform(2, 10)),
     )
-    return Drawn(kind="general Lagrangian", scene=scene, known=lambda: _two_runs(scene))
+    return Drawn("general Lagrangian", scene, lambda: _two_runs(scene))
 
 
 def kink_or_wall(random: Random) -> Drawn:
@@ -336,9 +317,7 @@ def kink_or_wall(random: Random) -> Drawn:
         u = (q - 2.0) / width
         return np.asarray(2.0 * height / width * u * np.exp(-(u**2)))
 
-    return Drawn(
-        kind="kinks and walls", scene=scene, known=lambda: _classical(scene, push, 0.2 * width)
-    )
+    return Drawn("kinks and walls", scene, lambda: _classical(scene, push, 0.2 * width))
 
 
 def _kink(random: Random) -> Drawn:
@@ -367,9 +346,9 @@ def _kink(random: Random) -> Drawn:
             late = times[inside] - begin
             values[inside] = x + v * late + 0.5 * pull * late**2
             begin, x, v, is_right = begin + length, 0.0, v + pull * length, not is_right
-        return Known(times=times, positions=values[:, None], error=1e-13, source="parabolas")
+        return Known(times, values[:, None], 1e-13, "parabolas")
 
-    return Drawn(kind="kinks and walls", scene=scene, known=known)
+    return Drawn("kinks and walls", scene, known)
 
 
 KINDS: tuple[Callable[[Random], Drawn], ...] = (

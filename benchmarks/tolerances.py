@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +24,7 @@ REMARK = (
 )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Group:
+class Group(NamedTuple):
     """Kinds of scenes, how many are drawn of each, and the digits that are asked for."""
 
     kinds: Sequence[Callable[[Random], Drawn]]
@@ -34,24 +33,23 @@ class Group:
 
 
 GROUPS = {
-    "tolerances": Group(kinds=KINDS, per_kind=40, digits=(3.0, 11.0)),
-    "pulses": Group(kinds=PULSES, per_kind=134, digits=(1.0, 9.0)),
-    "narrower pulses": Group(kinds=NARROWER_PULSES, per_kind=34, digits=(1.0, 9.0)),
+    "tolerances": Group(KINDS, 40, (3.0, 11.0)),
+    "pulses": Group(PULSES, 134, (1.0, 9.0)),
+    "narrower pulses": Group(NARROWER_PULSES, 34, (1.0, 9.0)),
 }
 
 
-@dataclass(frozen=True, kw_only=True)
-class ToleranceRow:
-    """One scene with one tolerance; all but the last are lengths or words."""
+class ToleranceRow(NamedTuple):
+    """One scene with one tolerance: what was said, and lengths; seconds of the processor."""
 
     kind: str
-    outcome: str  # what was said, and why
+    outcome: str
     reason: str
     tolerance: float
     estimate: float
     error: float  # the largest at the times of the reference
     reference_error: float
-    seconds: float  # processor time of the search
+    seconds: float
 
     @property
     def is_judged(self) -> bool:
@@ -68,8 +66,7 @@ def run_tolerances(share: float = 1.0) -> Iterator[tuple[str, ToleranceRow]]:
     """Solve a share of the scenes of every group, and compare; with the names of the groups."""
     for name, group in GROUPS.items():
         for index in range(round(share * group.per_kind)):
-            for row in run_index(index, group):
-                yield name, row
+            yield from ((name, row) for row in run_index(index, group))
 
 
 def run_index(index: int, group: Group) -> list[ToleranceRow]:
@@ -87,16 +84,9 @@ def measure(drawn: Drawn, relative: float) -> ToleranceRow:
     seconds, error = time.process_time() - began, np.inf
     if run.steps is not None and run.time[-1] >= known.times[-1]:
         error = float(np.abs(run(known.times) - known.positions).max())
-    return ToleranceRow(
-        kind=drawn.kind,
-        outcome=str(run.outcome),
-        reason="" if run.assessment is None else run.assessment.reason,
-        tolerance=tolerance,
-        estimate=run.error_estimate,
-        error=error,
-        reference_error=known.error,
-        seconds=seconds,
-    )
+    reason = "" if run.assessment is None else run.assessment.reason
+    said = drawn.kind, str(run.outcome), reason
+    return ToleranceRow(*said, tolerance, run.error_estimate, error, known.error, seconds)
 
 
 def tolerance_table(found: Sequence[tuple[str, ToleranceRow]]) -> str:
@@ -105,17 +95,8 @@ def tolerance_table(found: Sequence[tuple[str, ToleranceRow]]) -> str:
     for name, row in found:
         groups.setdefault(row.kind, []).append(row)
         groups.setdefault(f"**{name}**", []).append(row)
-    head = (
-        "scenes",
-        "number",
-        "met",
-        "not met",
-        "met and wrong",
-        "beyond twice",
-        "largest error / tolerance",
-        "estimate / error: least, median",
-        "seconds: median, all",
-    )
+    head = "scenes, number, met, not met, met and wrong, beyond twice, largest error / tolerance"
+    columns = [*head.split(", "), "estimate / error: least, median", "seconds: median, all"]
     others = [
         f"- {row.kind}, tolerance {row.tolerance:.2g}: {row.outcome}, {row.reason} "
         f"(true {row.error:.2g})"
@@ -123,12 +104,12 @@ def tolerance_table(found: Sequence[tuple[str, ToleranceRow]]) -> str:
         if row.outcome != "met" or row.is_wrong
     ]
     body = [_line(name, rows) for name, rows in groups.items()]
-    return "\n".join([table(REMARK, head, body), *others, ""])
+    return "\n".join([table(REMARK, columns, body), *others, ""])
 
 
 def _line(name: str, rows: Sequence[ToleranceRow]) -> tuple[str, ...]:
-    met = [row for row in rows if row.outcome == "met"]
-    judged = [row for row in met if row.is_judged]
+    met = sum(row.outcome == "met" for row in rows)
+    judged = [row for row in rows if row.is_judged]
     shares = [row.error / row.tolerance for row in judged]
     # below the error of the reference nothing is known of the error
     known = [r for r in judged if r.error > 10 * r.reference_error and r.error > 0]
@@ -136,9 +117,7 @@ def _line(name: str, rows: Sequence[ToleranceRow]) -> tuple[str, ...]:
     seconds = [row.seconds for row in rows]
     return (
         name,
-        str(len(rows)),
-        str(len(met)),
-        str(len(rows) - len(met)),
+        *map(str, (len(rows), met, len(rows) - met)),
         f"{sum(row.is_wrong for row in judged)} of {len(judged)} judged",
         str(sum(share > 2.0 for share in shares)),
         f"{max(shares):.2g}" if shares else "-",

@@ -1,6 +1,5 @@
 """The benchmarks measure, count and say what they measured; no time is asserted."""
 
-import dataclasses
 import math
 import os
 
@@ -11,9 +10,9 @@ from written_out import every_lag_written_out
 import fvi_cli as fvi
 from benchmarks import __main__ as page
 from benchmarks import peers, people
-from benchmarks.accuracy import cost_goals
-from benchmarks.measuring import in_own_process
-from benchmarks.memory import measure_memory, memory_cases
+from benchmarks.accuracy import pendulum_figure
+from benchmarks.measuring import figures_table, in_own_process
+from benchmarks.memory import KEPT, measure_memory
 from benchmarks.stepping import measure_stepping, stepping_cases, stepping_table
 from benchmarks.truth import run_truth, truth_table
 from benchmarks.truth.judging import Claim, RefusedError, UnjudgedError, judge
@@ -34,59 +33,42 @@ def columns(text: str) -> dict[str, list[str]]:
     return dict(zip(head, map(list, zip(*rows, strict=True)), strict=True))
 
 
-class TestStepping:
-    def test_every_case_at_a_small_size(self):
-        cases = stepping_cases(6)
-        rows = [measure_stepping(case, 1) for case in cases]
-        for case, measured in zip(cases, rows, strict=True):
-            assert measured.n_steps == 2**case.exponent
-            # a difference of two times, which may have either sign where others compute as well
-            assert math.isfinite(measured.stepping_seconds)
-            assert measured.yardstick_seconds > 0
-            assert math.isnan(measured.error) if case.scene == "pendulum" else measured.error < 1e-3
-            assert (measured.history_operations > 0) or case.order == 1
-            assert measured.doubles_per_step > 0
-        assert columns(stepping_table(rows))["N"] == ["2^6"] * len(rows)
+def test_stepping_at_a_small_size():
+    rows = [measure_stepping(case, 1) for case in stepping_cases(6)]
+    for row in rows:
+        assert row.stepping > 0
+        assert row.doubles_per_step > 0
+        assert row.error < 1e-3 if row.case.is_linear else math.isnan(row.error)
+        assert row.operations_per_step > 0 or row.case.order == 1
+    assert columns(stepping_table(rows))["N"] == ["2^6"] * len(rows)
 
 
-class TestMemory:
-    def test_the_whole_trajectory_is_all_there_is(self):
-        """Time, position, momentum, energy are four doubles; parts are put together once."""
+def test_the_whole_trajectory_is_all_the_memory_there_is():
+    """Time, position, momentum, energy are four doubles; parts are put together once."""
 
-        def added(case, exponent):
-            shorter, longer = (
-                measure_memory(dataclasses.replace(case, n_steps=2**power)).doubles_per_step
-                for power in (exponent, exponent + 1)
-            )
-            return 2 * longer - shorter
+    def added(method, exponent):
+        shorter, longer = (
+            measure_memory(method, 2**power).doubles_per_step for power in (exponent, exponent + 1)
+        )
+        return 2 * longer - shorter
 
-        bdf4, gauss2, _, _ = memory_cases(15)
-        assert gauss2.name.endswith("Gauss2")
-        for case in (bdf4, gauss2):
-            whole = measure_memory(dataclasses.replace(case, n_steps=2**20))
-            # tables of the recurrence, which do not grow with the steps, take a third of a double
-            assert 4.0 <= whole.doubles_per_step < 8.4
-        # control: what a history adds that keeps all samples
-        with every_lag_written_out():
-            assert added(bdf4, 11) > 8.0
+    for method, _ in KEPT:
+        # tables of the recurrence, which do not grow with the steps, take a third of a double
+        assert 4.0 <= measure_memory(method, 2**20).doubles_per_step < 8.4
+    # control: what a history adds that keeps all samples
+    with every_lag_written_out():
+        assert added(KEPT[0][0], 11) > 8.0
 
 
-@pytest.mark.processes
-def test_the_page_has_the_sections_that_are_asked_for(tmp_path, capsys, monkeypatch):
-    few = stepping_cases(6)[:1]
-    monkeypatch.setattr("benchmarks.stepping.stepping_cases", lambda exponent: few)
+def test_the_page_of_what_is_asked_for(tmp_path, capsys, monkeypatch):
     (pendulum,) = fvi.cost(fvi.load("cost-pendulum", overrides=["ladder.steps=[20]"]), repeats=1)
-    monkeypatch.setattr(page, "run_accuracy", lambda: cost_goals([pendulum], 1e-2))
-    page.main(["stepping", "accuracy", "--exponent", "6", "--output", str(tmp_path)])
-    text = (tmp_path / "benchmark.md").read_text(encoding="utf-8")
-    assert "Made by `python -m benchmarks --exponent 6`" in text
-    assert [line for line in text.splitlines() if line.startswith("## ")] == [
-        "## Time and error",
-        "## What accuracy costs",
-    ]
+    monkeypatch.setattr(page, "run_accuracy", lambda: [pendulum_figure(pendulum)])
+    page.main(["accuracy", "--output", str(tmp_path)])
+    text = (tmp_path / "accuracy.md").read_text(encoding="utf-8")
+    assert "Made by `python -m benchmarks accuracy`" in text
     assert text in capsys.readouterr().out
     with pytest.raises(SystemExit):
-        page.main(["no-such-section", "--output", str(tmp_path)])
+        page.main(["no-such-page", "--output", str(tmp_path)])
 
 
 @pytest.mark.processes
@@ -138,8 +120,9 @@ class TestPeople:
             people.bifurcation_row(2),
             people.ensemble_row(2),
         ]
-        assert all(row.ratio > 0 for row in rows)
-        assert columns(people.people_table(rows))["goal"] == ["1.5", "1.3", "2", "2"]
+
+        assert all(row.measured > 0 for row in rows)
+        assert columns(figures_table("", rows))["at most"] == ["1.5", "1.3", "2", "2"]
 
 
 class TestPeers:

@@ -107,8 +107,8 @@ class Scene:
         for name, kind in (("damping", FractionalDamping), ("laws", Law)):
             given = getattr(self, name)
             values = given if isinstance(given, list | tuple) else [given]
-            if wrong := [x for x in values if not isinstance(x, kind)]:
-                words = f"{type(wrong[0]).__name__} is no {kind.__name__}"
+            if others := [x for x in values if not isinstance(x, kind)]:
+                words = f"{type(others[0]).__name__} is no {kind.__name__}"
                 raise ArgumentError(name, f"{words}; give a list of {kind.__name__}")
             object.__setattr__(self, name, tuple(values))
         if self.forcing is not None and not isinstance(self.forcing, Forcing):

@@ -6,9 +6,8 @@ its stages,
 
 .. math:: (x', p', V) = T\,(x, p, F) + G g, \qquad z' = A z + Q V, \qquad F = R z,
 
-where z are the states of the memory. The equations are those of
-:mod:`fvi_cli.integrator.stability.patterns`, with the second derivatives of L at the stages:
-:math:`\delta P = M \delta v + C \delta x` and :math:`\delta Q = C^T \delta v + S \delta x`.
+where z are the states of the memory. T and G are the solved equations of
+:mod:`fvi_cli.integrator.engine.step`, with the second derivatives of L at the stages.
 
 Solved forwards, this gives the effect of disturbances on the trajectory, one column for each.
 Solved backwards, all matrices transposed, it gives the effect of *all* disturbances on one number:
@@ -26,6 +25,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.engine.law import Linearisation
+from fvi_cli.integrator.engine.step import dense_step, unit_tables
 from fvi_cli.integrator.memory.exponentials import Exponentials
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
 from fvi_cli.integrator.method import Method
@@ -119,7 +120,10 @@ class LinearisedRun:
 
         All from shapes ``(n, m, e)`` to the same: one march of the memory serves all scenes.
         """
-        memory = self._memory_of([term for one in scenes for term in _terms(one)])
+        terms = [term for one in scenes for term in _terms(one)]
+        if not terms:
+            return [np.zeros_like(velocity) for _ in scenes]
+        memory = self._memory_of(terms)
         lengths, which = np.unique(self.steps.step_size, return_inverse=True)
         local, response, intake, change = memory.of_steps(lengths)
         # beside the motion one with the velocity 1, which terms above order 1 subtract
@@ -224,11 +228,7 @@ class LinearisedRun:
             every, at = which, np.arange(lengths.size)
         motion = (steps.stage_position, steps.velocity, steps.stage_time)
         points = [one[own][: at.size] for one in motion]
-        try:
-            by_state, by_load = self._of_steps(lengths[at], local[:, at], points)
-        except np.linalg.LinAlgError:
-            words = "derivatives: the equations of a step have no unique solution"
-            raise ValueError(words) from None
+        by_state, by_load = self._of_steps(lengths[at], local[:, at], points)
         return Maps(
             by_state=[by_state[k] for k in every.tolist()],
             by_load=by_load[every] if len(by_load) > 1 else by_load,
@@ -240,44 +240,32 @@ class LinearisedRun:
         )
 
     def _of_steps(self, sizes: Array, local: Array, points: list[Array]) -> tuple[Array, Array]:
-        """T and G of n steps from the second derivatives of L at their stages.
-
-        The increments over h, U, solve the first s equations; the momentum after a step is that
-        before it with all forces and loads.
-        """
+        """T and G of n steps: the solved equations of the engine under unit cases."""
         t, d, (n, m) = self.tables, self.d, points[2].shape
-        s, h, unit = t.degree, sizes[:, None, None], np.eye(d)
-        at = self.scene.derivatives(*points)
-        # columns: x, p, F up to `loads`, g up to `own`, U
-        loads = (2 + len(local) * m) * d
-        own = loads + (s + 1) * d
-        position, velocity = np.zeros((2, n, m, d, own + s * d))
-        position[..., :d] = unit
-        moves = h * t.basis[1:].T
-        position[..., own:] = np.einsum("nia,de->nidae", moves, unit).reshape(n, m, d, -1)
-        velocity[..., own:] = np.einsum("ai,de->idae", t.slopes[1:], unit).reshape(m, d, -1)
-        momentum = at.mass @ velocity + at.mixed @ position
-        force = at.mixed.swapaxes(2, 3) @ velocity + at.stiffness @ position
-        past = np.einsum("fde,ij->idfje", self.coefficients, np.eye(m))
-        force[..., 2 * d : loads] -= past.reshape(m, d, -1)
-        damped = np.einsum("fnik,ak,fde->nidae", local, t.slopes[1:], self.coefficients)
-        force[..., own:] -= damped.reshape(n, m, d, -1)
-        tests = h[..., None] * force
-        equations = np.tensordot(t.weights * t.slopes, momentum, axes=(1, 1))
-        equations = (equations + np.tensordot(t.test_weights, tests, axes=(1, 1))).swapaxes(0, 1)
-        equations[:, 0, :, d : 2 * d] += unit
-        equations = equations[:, :s].reshape(n, s * d, -1)
-        equations[:, range(s * d), range(loads, own - d)] += 1.0
-        unknowns = -np.linalg.inv(equations[..., own:]) @ equations[..., :own]
-        after = np.zeros((n, (2 + m) * d, own + s * d))
-        after[:, :d, :d] = unit
-        after[:, :d, -d:] = h * unit
-        after[:, d : 2 * d] = np.tensordot(t.weights, tests, axes=(0, 1))
-        after[:, d : 2 * d, d : 2 * d] += unit
-        after[:, d : 2 * d, loads:own] += np.tile(unit, s + 1)
-        after[:, 2 * d :] = velocity.reshape(n, m * d, -1)
-        found = after[..., :own] + after[..., own:] @ unknowns
-        return found[..., :loads], found[..., loads:]
+        at, h = self.scene.derivatives(*points), sizes[:, None, None]
+        to_loads = -h * t.to_loads
+        step = dense_step(
+            unit_tables(self.method, d, has_rates=True),
+            Linearisation(at.mass, at.mixed, -at.stiffness),
+            h,
+            [to_loads @ (one @ t.to_inputs) for one in local],
+            list(self.coefficients[:, None]),
+        )
+        if not np.isfinite(step.inverse).all():
+            raise ValueError("derivatives: the equations of a step have no unique solution")
+        # cases: x, p, forces of the past at the stages, load vectors
+        first, last = 2 * d, (2 + len(local) * m) * d
+        count = last + (t.degree + 1) * d
+        x, p = np.zeros((2, n, count, d))
+        x[:, :d], p[:, d:first] = np.eye(d), np.eye(d)
+        loads = np.zeros((n, count, t.degree + 1, d))
+        past = np.einsum("nai,fde->nfiead", to_loads, self.coefficients)
+        loads[:, first:last] = past.reshape(n, last - first, -1, d)
+        loads[:, last:] = np.eye((t.degree + 1) * d).reshape(-1, t.degree + 1, d)
+        unknowns, dx, dp = step.solve(x, p, loads)
+        velocity = np.matmul(t.to_inputs, unknowns)
+        after = np.concatenate([x + dx, p + dp, velocity.reshape(n, count, -1)], axis=2)
+        return after[:, :last].swapaxes(1, 2), after[:, last:].swapaxes(1, 2)
 
 
 def _terms(scene: Scene) -> list[Term]:
