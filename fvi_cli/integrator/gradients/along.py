@@ -29,6 +29,7 @@ from fvi_cli.integrator.gradients.parameters import (
     by_rule,
     rate_of_forcing,
     rate_of_remainder,
+    rule_of,
 )
 from fvi_cli.integrator.observe.dampers import (
     TOGETHER,
@@ -45,9 +46,14 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
+ON_FORCES = (*MEMORY, "mass", "stiffness", "initial_position")
+"""Kinds of numbers on which forces and accelerations depend at fixed motion."""
+
 
 class Along:
     """An expression at n times of a run, in the names of its motion: its values, ``(n,)``.
+
+    `parameters` are those of :meth:`rates`: where they are known, forces are computed only once.
 
     Raises
     ------
@@ -56,25 +62,36 @@ class Along:
     """
 
     def __init__(
-        self, run: LinearisedRun, times: Array, expression: Expression, names: Observations
+        self,
+        run: LinearisedRun,
+        times: Array,
+        expression: Expression,
+        names: Observations,
+        parameters: Sequence[Parameter] | None = None,
     ) -> None:
         self._run, self._names, self._expression = run, names, expression
-        self._motion = self._motion_of([run.scene])
-        self._places = self._motion.located(0, times)
-        observer = Observer(self._motion, [names])
-        self.values = observer.along(expression)(*self._places)
-        known = {**names.parameters, **observer.variables(expression, *self._places)}
-        dampers = damper_values(run.scene)
-        found = slopes_of(
-            expression, known, {*names.derived, *names.inputs, *names.parameters, *dampers}
-        )
-        self._by_name = {name: np.broadcast_to(one, times.size) for name, one in found.items()}
+        dampers, used = damper_values(run.scene), expression.names
         given = {*names.derived, *names.parameters, *names.inputs}
-        self._dampers = [(dampers[name], self._by_name[name]) for name in set(found) - given]
-        kinds = {names.derived[name][0] for name in found if name in names.derived}
+        moving = {name: dampers[name] for name in dampers.keys() & used - given}
+        kinds = {names.derived[name][0] for name in used & names.derived.keys()}
         self.has_forces = bool(
-            kinds & {"a", "d"} or any(one.kind == "force" for one, _ in self._dampers)
+            kinds & {"a", "d"} or any(one.kind == "force" for one in moving.values())
         )
+        scenes, weights = [run.scene], np.zeros((0, 1))
+        if self.has_forces and parameters is not None:
+            scenes, weights = rule_of(run.scene, parameters, ON_FORCES)
+        self._motion = self._motion_of(scenes)
+        self._places = self._motion.located(0, times)
+        observer = Observer(self._motion, [names] * len(scenes))
+        values = self._values_along(observer)
+        self.values = values[0]
+        self._by_forces = None if parameters is None else weights @ values
+        known = {**names.parameters, **observer.variables(expression, *self._places)}
+        found = slopes_of(expression, known, {*given, *dampers})
+        self._by_name = {name: np.broadcast_to(one, times.size) for name, one in found.items()}
+        self._dampers = [
+            (one, self._by_name[name]) for name, one in moving.items() if name in found
+        ]
 
     def _motion_of(self, scenes: Sequence[Scene]) -> Motion:
         """The same motion under the forces of scenes, one member for each."""
@@ -105,16 +122,22 @@ class Along:
                     acted = acted + forcing(time)
                 own += (by_force * acted).sum(axis=1)
         if self.has_forces:
-            kinds = (*MEMORY, "mass", "stiffness", "initial_position")
-            total += by_rule(scene, parameters, kinds, self._values_of)
+            found = self._by_forces
+            if found is None:
+                found = by_rule(scene, parameters, ON_FORCES, self._values_of)
+            total += found
         return total
 
     def _values_of(self, scenes: list[Scene]) -> Array:
         """Values of the expression with the forces of other scenes, ``(k, n)``."""
-        motion, (step, tau) = self._motion_of(scenes), self._places
-        along = Observer(motion, [self._names] * len(scenes)).along(self._expression)
-        steps = np.concatenate([step + first for first in motion.firsts[:-1]])
-        return along(steps, np.tile(tau, len(scenes))).reshape(len(scenes), -1)
+        return self._values_along(Observer(self._motion_of(scenes), [self._names] * len(scenes)))
+
+    def _values_along(self, observer: Observer) -> Array:
+        """Values of the expression along the motions of an observer, ``(k, n)``."""
+        (step, tau), firsts = self._places, observer.motion.firsts[:-1]
+        steps = np.concatenate([step + first for first in firsts])
+        found = observer.along(self._expression)(steps, np.tile(tau, len(firsts)))
+        return found.reshape(len(firsts), -1)
 
     def changes(self, tangent: Tangent) -> Array:
         """Derivatives by p parameters through the motion, ``(n, p)``."""

@@ -19,6 +19,7 @@ Shapes: n steps, p columns, d components; m stages of a step, f damping terms, J
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -127,25 +128,27 @@ class LinearisedRun:
         lengths, which = np.unique(self.steps.step_size, return_inverse=True)
         local, response, intake, change = memory.of_steps(lengths)
         # beside the motion one with the velocity 1, which terms above order 1 subtract
-        (n, m, e), k, j = velocity.shape, len(memory.terms), memory.n_states
-        moved = np.concatenate([velocity, np.ones((n, m, 1))], axis=2)
-        path, states, plain = np.zeros((n, j, e + 1)), 0.0, np.empty((n, k, m, e + 1))
-        for index, place in enumerate(which.tolist()):
-            path[index] = states
-            states = (1.0 + change[place, :, None]) * states + intake[place] @ moved[index]
-        for place in range(lengths.size):
-            own = which == place
-            table = (memory.weights[:, None] * response[place]).reshape(k * m, j)
-            past = np.tensordot(path[own], table, axes=(1, 1)).reshape(-1, e + 1, k, m)
-            plain[own] = np.matmul(local[place], moved[own, None]) + past.transpose(0, 2, 3, 1)
+        (n, m, e), k, moved = velocity.shape, len(memory.terms), velocity.swapaxes(1, 2)
+        if any(map(_is_relative, memory.terms)):
+            moved = np.concatenate([moved, np.ones((n, 1, m))], axis=1)
+        shape = moved.shape[:2]
+        taken, plain = np.empty((*shape, memory.n_states)), np.empty((*shape, k, m))
+        steps = [which == place for place in range(lengths.size)]
+        for own, each in zip(steps, intake, strict=True):
+            taken[own] = np.tensordot(moved[own], each, axes=(2, 1))
+        path = _states(1.0 + change[which], taken)
+        for own, each, by_state in zip(steps, local, response, strict=True):
+            table = memory.weights[:, None] * by_state
+            plain[own] = np.tensordot(path[own], table, axes=(2, 2))
+            plain[own] += np.tensordot(moved[own], each, axes=(2, 2))
         found = []
         for one in scenes:
             total = np.zeros_like(velocity)
             for term, matrix in zip(_terms(one), _matrices(one), strict=True):
-                force = plain[:, memory.terms.index(term)]
-                is_relative = isinstance(term, float) and term < 0.0
-                start = one.initial_velocity if is_relative else 0.0
-                total += (force[..., :e] - force[..., e:] * start) @ matrix
+                force = plain[:, :, memory.terms.index(term)].swapaxes(1, 2)
+                if _is_relative(term):
+                    force = force[..., :e] - force[..., e:] * one.initial_velocity
+                total += force[..., :e] @ matrix
             found.append(total)
         return found
 
@@ -266,6 +269,35 @@ class LinearisedRun:
         velocity = np.matmul(t.to_inputs, unknowns)
         after = np.concatenate([x + dx, p + dp, velocity.reshape(n, count, -1)], axis=2)
         return after[:, :last].swapaxes(1, 2), after[:, last:].swapaxes(1, 2)
+
+
+def _states(decay: Array, taken: Array) -> Array:
+    """States where n steps begin, ``(n, e, J)``, by their decay ``(n, J)`` and what they take.
+
+    In some sqrt(n) blocks of as many steps: first in all blocks at once, then from block to block.
+    """
+    n, size = len(taken), math.isqrt(len(taken)) + 1
+    count = math.ceil(n / size)
+    decay, taken = (
+        np.concatenate([one, np.zeros((count * size - n, *one.shape[1:]))]).reshape(
+            count, size, *one.shape[1:]
+        )
+        for one in (decay[:, None], taken)
+    )
+    inside, left = np.zeros_like(taken), np.ones_like(decay)
+    for k in range(size - 1):
+        inside[:, k + 1] = decay[:, k] * inside[:, k] + taken[:, k]
+        left[:, k + 1] = decay[:, k] * left[:, k]
+    begin = np.zeros(taken.shape[2:])
+    for block in range(count):
+        inside[block] += left[block] * begin
+        begin = decay[block, -1] * inside[block, -1] + taken[block, -1]
+    return inside.reshape(count * size, *inside.shape[2:])[:n]
+
+
+def _is_relative(term: Term) -> bool:
+    """Whether a term is a damper above order 1, which acts on the change of the velocity."""
+    return isinstance(term, float) and term < 0.0
 
 
 def _terms(scene: Scene) -> list[Term]:

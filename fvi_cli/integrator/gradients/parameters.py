@@ -39,6 +39,9 @@ logarithm of the number of steps, and round-off eps / h, are both some 1e-12."""
 CENTRAL = {-2: 1 / 12, -1: -2 / 3, 1: 2 / 3, 2: -1 / 12}
 BELOW = {0: 25 / 12, -1: -4.0, -2: 3.0, -3: -4 / 3, -4: 1 / 4}
 """Rules of order four, also from one side: motions jump where an order passes 1."""
+LINEAR = {0: -1.0, 1: 1.0}
+MODULI = ("size", "spring")
+"""Numbers of laws, in which their forces are linear together."""
 
 Described = tuple[Scene, Observations]
 """A scene, and the names in expressions along its motion."""
@@ -278,7 +281,15 @@ def by_rule(
     values: Callable[[list[Scene]], Any],
 ) -> Any:
     """Derivatives ``(p, ...)`` of values of scenes, ``(k, ...)`` of k, by numbers of some kinds."""
-    numbers, scenes, rules = numbers_of(scene), list[Scene](), {}
+    scenes, weights = rule_of(scene, parameters, kinds)
+    return np.tensordot(weights, values(scenes), axes=1) if len(scenes) > 1 else 0.0
+
+
+def rule_of(
+    scene: Scene, parameters: Sequence[Parameter], kinds: tuple[str, ...]
+) -> tuple[list[Scene], Array]:
+    """The scene and k - 1 others; weights ``(p, k)`` from values of all to derivatives."""
+    numbers, scenes, rules = numbers_of(scene), [scene], {}
     for place, one in enumerate(parameters):
         chosen = {name: rate for name, rate in one.rates.items() if name.startswith(kinds)}
         if not chosen:
@@ -288,19 +299,20 @@ def by_rule(
         step = SPACING / max(float(np.max(np.abs(r) / s)) for r, s in pairs)
         at_one = [r for name, r in chosen.items() if name.endswith("order") and numbers[name] == 1]
         rule, step = (BELOW, step * float(np.sign(at_one[0]))) if at_one else (CENTRAL, step)
-        first = len(scenes)
+        if all(name.startswith("laws.") and name.endswith(MODULI) for name in chosen):
+            rule = LINEAR
+        rules[place] = len(scenes), rule, step
         scenes += [
             moved(scene, {name: numbers[name] + k * step * rate for name, rate in chosen.items()})
             for k in rule
+            if k
         ]
-        rules[place] = slice(first, len(scenes)), np.array(list(rule.values())) / step
-    if not scenes:
-        return 0.0
-    found = values(scenes)
-    total = np.zeros((len(parameters), *found.shape[1:]), dtype=found.dtype)
-    for place, (own, factors) in rules.items():
-        total[place] = np.tensordot(factors, found[own], axes=1)
-    return total
+    weights = np.zeros((len(parameters), len(scenes)))
+    for place, (first, rule, step) in rules.items():
+        weights[place, 0] = rule.get(0, 0.0) / step
+        factors = [factor / step for k, factor in rule.items() if k]
+        weights[place, first : first + len(factors)] = factors
+    return scenes, weights
 
 
 def _size(name: str, value: Array) -> Array | float:

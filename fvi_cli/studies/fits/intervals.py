@@ -120,7 +120,7 @@ class Profile:
         if near.point[index] == value:
             return self._compared(near)
         start = self._expected(near, value)
-        gain = CLOSE * self._threshold**2 * self._variance
+        gain = 0.1 * self._threshold**2 * self._variance
         fit = partial(
             least_squares_from, self._model, most=30, tolerance=1e-8, gain=gain, fixed=index
         )
@@ -142,7 +142,8 @@ class Profile:
         return self._compared(found)
 
     def _root(self, found: Found) -> float:
-        return math.sqrt(max(found.cost - self._best.cost, 0.0) / self._variance)
+        rise = found.cost - found.rest - self._best.cost
+        return math.sqrt(max(rise, 0.0) / self._variance)
 
     def _compared(self, found: Found) -> float:
         root = self._root(found)

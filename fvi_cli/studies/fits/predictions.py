@@ -40,7 +40,7 @@ def predict_motion(
     every = []
     for one in data.series:
         formula = one.formula or Expression.parse(one.name, variables=(one.name,))
-        every.append(Along(run, one.times, formula, names))
+        every.append(Along(run, one.times, formula, names, parameters))
     slopes = jacobians(run, every, parameters)
     return [(one.values, own) for one, own in zip(every, slopes, strict=True)]
 

@@ -40,6 +40,7 @@ class Found:
     point: Array  # inner parameters
     at: Evaluation
     message: str = ""  # why it may be no minimum
+    rest: float = 0.0  # by how much the misfit may still fall
 
     @property
     def cost(self) -> float:
@@ -101,19 +102,23 @@ def least_squares_from(
         raise RunFailedError("the run fails at the start of least squares")
     if not free.size:
         return Found(point=begin, at=first)
-    # full steps as long as they do what the linear model says; the last one needs no check
+    # full steps as long as they, or the ones behind them, do what the linear model says; the last
+    # one needs no check
+    step, possible = _linear_step(first, free)
     for _ in range(most):
-        step, possible = _linear_step(first, free)
         if possible < max(gain, ENOUGH * first.cost, tolerance**2 * first.cost):
-            return Found(point=begin, at=first)
+            return Found(point=begin, at=first, rest=possible)
         # a modulus is linear where its logarithm is not
         is_linear = np.array([one.is_positive for one in model.free])[free] & (step < LONGEST)
         change = np.where(is_linear, np.log1p(-np.minimum(step, LONGEST)), -step)
         tried = np.clip(begin[free] + change, _inside(low, high), _inside(high, low))
         found = at(tried)
-        if found is None or found.cost > first.cost - 0.5 * possible:
+        if found is None:
             break
-        begin[free], first = tried, found
+        step, rest = _linear_step(found, free)
+        if found.cost - rest > first.cost - 0.5 * possible:
+            break
+        begin[free], first, possible = tried, found, rest
     with np.errstate(all="ignore"):
         done = least_squares(
             residuals,
@@ -122,7 +127,7 @@ def least_squares_from(
             bounds=(low, high),
             x_scale="jac",
             xtol=tolerance,
-            ftol=max(1e-13, tolerance**2, gain / max(first.cost, 1e-300)),
+            ftol=max(ENOUGH, tolerance**2, gain / max(first.cost, 1e-300)),
             gtol=1e-14,
             max_nfev=most,
         )
