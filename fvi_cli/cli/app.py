@@ -5,7 +5,6 @@ The commands import the rest of the project only when they run, so that ``--help
 
 from __future__ import annotations
 
-import os
 import signal
 import sys
 import warnings
@@ -15,25 +14,25 @@ from typing import Annotated, NoReturn
 import typer
 
 import fvi_cli
-from fvi_cli.cli import compute, configurations, files, report
+from fvi_cli.cli import compute, files
 from fvi_cli.cli.exits import DONE
 
 COMMANDS = (
     compute.run,
+    compute.convergence,
+    compute.plot,
+    compute.quantities,
     compute.cost,
     compute.stability,
     compute.fit,
-    report.convergence,
-    report.plot,
-    report.quantities,
     compute.modes,
     compute.response,
     files.show,
     files.export,
-    configurations.new,
-    configurations.check,
-    configurations.list_,
-    configurations.guide,
+    files.new,
+    files.check,
+    files.list_,
+    files.guide,
 )
 
 
@@ -62,12 +61,6 @@ def command_line() -> Callable[[], object]:
     command = typer.main.get_command(app(sys.argv[1:]))
 
     def carried_out() -> None:
-        # a standard stream that is closed takes what is said, and no file gets its number
-        while (handle := os.open(os.devnull, os.O_RDWR)) <= 2:
-            pass
-        os.close(handle)
-        sys.stdout = sys.stdout or os.fdopen(1, "w", closefd=False)
-        sys.stderr = sys.stderr or os.fdopen(2, "w", closefd=False)
         signal.signal(signal.SIGTERM, _interrupt)
         # overflows need no warning: the status of a run reports them
         warnings.filterwarnings("ignore", category=RuntimeWarning)

@@ -1,4 +1,4 @@
-"""Common parts of commands: options, reading of requests, output, and exit code."""
+"""Common parts of commands: options, reading of configurations, output, and exit code."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 import inspect
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,15 +14,17 @@ from fvi_cli.cli import options
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded
 
 if TYPE_CHECKING:
+    from fvi_cli.config import LoadedConfig
     from fvi_cli.render.results import Results
     from fvi_cli.runner.outcome import Outcome
-    from fvi_cli.runner.request import Request, Task
+    from fvi_cli.runner.progress import Task
 
 _logger = logging.getLogger("fvi_cli")
 
-CONFIGURED = ("output", "overrides", "dry_run", "json")
-COMPUTED = (*CONFIGURED, "workers", "dask", "fresh")
+STUDY = ("output", "overrides", "dry_run", "json")
+RUNS = (*STUDY, "workers", "dask", "shard", "fresh")
 """Options of commands that read configurations, and of those that compute runs."""
+WHOLE = "1/1"
 
 
 @dataclass(kw_only=True, eq=False)
@@ -36,97 +38,104 @@ class Call:
     overrides: options.Overrides = None
     workers: options.Workers = 1
     dask: options.Dask = None
-    shard: options.Shard = "1/1"
+    shard: options.Shard = WHOLE
     dry_run: options.DryRun = False
     fresh: options.Fresh = False
     json: options.Json = False
     quiet: options.Quiet = False
     verbose: options.Verbose = False
-    requests: Sequence[Request] = field(init=False, default=())
     files: list[Path] = field(init=False, default_factory=list)
     rows: dict[str, list[object]] = field(init=False, default_factory=dict)
     differences: list[str] = field(init=False, default_factory=list)
     failures: list[str] = field(init=False, default_factory=list)
 
-    def gather(self, sources: Sequence[str], *, stores_runs: bool = False) -> Sequence[Request]:
+    def gather(self, sources: Sequence[str]) -> list[LoadedConfig]:
         """Read and check configurations, with the changes by options."""
         from fvi_cli.runner.request import gather
 
-        results = (lambda name: self.output / f"{name}.h5") if stores_runs else None
-        self.requests = gather(sources, self.overrides or (), results=results)
-        return self.requests
+        return gather(sources, self.overrides or (), output=self.output)
 
-    def runs(self, request: Request, **more: bool) -> list[Outcome]:
-        """Compute the runs of a request, or read those that are stored."""
-        from fvi_cli.runner.compute import run
+    def runs(
+        self,
+        sources: Sequence[str],
+        show: Callable[[LoadedConfig, list[Outcome]], None],
+        **more: Any,
+    ) -> int:
+        """Compute and show the runs of configurations; returns the exit code.
 
-        outcomes = run(
-            request,
-            output=self.output,
-            workers=self.workers,
-            dask=self.dask,
-            fresh=self.fresh,
-            keep=not self.check,
-            shard=self.shard,
-            progress=not self.quiet,
-            **more,
-        )
-        self.note(request, outcomes)
-        return outcomes
+        With ``--dry-run`` print what would be done, of a shard where its parts are.
+        """
+        from fvi_cli.render.json import document, planned_run
+        from fvi_cli.render.plans import plans_as_text
+        from fvi_cli.runner.compute import plan, run
 
-    def note(self, request: Request, results: Results) -> None:
+        configs = self.gather(sources)
+        shared = {name: getattr(self, name) for name in ("output", "fresh", "shard")}
+        if self.dry_run:
+            plans = [one for config in configs for one in plan(config, **shared)]
+            found = list(map(planned_run, plans)) if self.json else []
+            print(document(runs=found) if self.json else plans_as_text(plans))
+            return DONE
+        for config in configs:
+            outcomes = run(
+                config,
+                **shared,
+                workers=self.workers,
+                dask=self.dask,
+                keep=not self.check,
+                progress=not self.quiet,
+                **more,
+            )
+            self.note(config, outcomes)
+            if self.shard == WHOLE:
+                show(config, outcomes)
+            else:
+                self.wrote([self.output / f"{config.name}.partial"])
+        return self.close()
+
+    def study(
+        self,
+        sources: Sequence[str],
+        tasks: Callable[..., Sequence[Task]],
+        compute: Callable[..., Any],
+        more: Callable[[LoadedConfig, Any], Sequence[Path]] = lambda config, found: (),
+        **settings: Any,
+    ) -> int:
+        """Compute and show results other than runs; returns the exit code.
+
+        With ``--dry-run`` print the tasks. `more` writes further files.
+        """
+        from fvi_cli.render.json import document
+        from fvi_cli.render.runs import columns_of
+
+        configs = self.gather(sources)
+        if self.dry_run:
+            listed = [task for config in configs for task in tasks(config, **settings)]
+            rows = [{n: getattr(one, n) for n in ("experiment", "action", "of")} for one in listed]
+            print(document(tasks=rows) if self.json else columns_of(rows))
+            return DONE
+        for config in configs:
+            found = compute(config, progress=not self.quiet, **settings)
+            self.note(config, found)
+            self.show(config, found)
+            if not self.check:
+                self.wrote(more(config, found))
+        return self.close()
+
+    def note(self, config: LoadedConfig, results: Results) -> None:
         """Keep failures in the results, which determine the exit code."""
         from fvi_cli.render.results import failures
 
         if words := failures(results):
-            self.failures.append(f"{request.name}: {words}")
+            self.failures.append(f"{config.name}: {words}")
 
-    def each(
-        self,
-        compute: Callable[[Request], Any],
-        show: Callable[[Request, Any], None] | None = None,
-        *,
-        tasks: Callable[[Request], Sequence[Task]] | None = None,
-    ) -> int:
-        """Compute and show the results of every request; returns the exit code.
-
-        With ``--dry-run`` print `tasks`, or plans of runs.
-        """
-        if self.dry_run:
-            return self.show_plans() if tasks is None else self.show_tasks(tasks)
-        for request in self.requests:
-            (show or self.show)(request, compute(request))
-        return self.close()
-
-    def show_plans(self) -> int:
-        """Print what would be done with every run."""
-        from fvi_cli.render.json import document, planned_run
-        from fvi_cli.render.plans import plans_as_text
-        from fvi_cli.runner.plan import plan
-
-        asked = {n: getattr(self, n) for n in ("output", "workers", "fresh", "shard")}
-        plans = [one for request in self.requests for one in plan(request, **asked)]
-        found = map(planned_run, plans)
-        print(document(runs=list(found)) if self.json else plans_as_text(plans))
-        return DONE
-
-    def show_tasks(self, tasks: Callable[[Request], Sequence[Task]]) -> int:
-        """Print results other than runs that would be computed."""
-        from fvi_cli.render.json import document
-        from fvi_cli.render.runs import columns_of
-
-        rows = [asdict(task) for request in self.requests for task in tasks(request)]
-        print(document(tasks=rows) if self.json else columns_of(rows))
-        return DONE
-
-    def show(self, request: Request, results: Results) -> None:
+    def show(self, config: LoadedConfig, results: Results) -> None:
         """Print and write results, or with ``--check`` find differences from stored ones."""
         from fvi_cli import reports
         from fvi_cli.render.results import report_on, write
         from fvi_cli.reports.writers import to_text
 
-        self.note(request, results)
-        report = report_on(results, request.name)
+        report = report_on(results, config.name)
         if self.json:
             self.collect({one.name: [dict(row) for row in one.rows] for one in report.sheets})
         if self.check:
@@ -134,7 +143,7 @@ class Call:
             return
         if not self.json:
             print(to_text(report.summary), "", sep="\n")
-        self.wrote(write(results, self.output, name=request.name))
+        self.wrote(write(results, self.output, name=config.name))
 
     def wrote(self, paths: Sequence[Path]) -> None:
         """Name the files that were written."""
@@ -157,8 +166,6 @@ class Call:
             print(document(**found, **self.rows))
         elif self.check:
             print(*(self.differences or ["up to date"]), sep="\n")
-        if self.differences:
-            _logger.error("stale: %d differences", len(self.differences))
         for line in self.failures:
             _logger.error("%s", line)
         if self.failures:

@@ -1,27 +1,39 @@
-"""Commands that compute: runs, costs, stability, fits, modes and responses."""
+"""Commands that compute: runs with their tables and figures, and other studies."""
 
 from __future__ import annotations
 
-import functools
+import logging
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvi_cli.cli.command import COMPUTED, CONFIGURED, Call, command
-from fvi_cli.cli.options import Configs, Sources
+from fvi_cli.cli.command import RUNS, STUDY, Call, command
+from fvi_cli.cli.options import Configs, Sources, UsualSources
 
 if TYPE_CHECKING:
+    from fvi_cli.config import LoadedConfig
     from fvi_cli.runner.outcome import Outcome
-    from fvi_cli.runner.request import Request
-    from fvi_cli.studies.fits.result import FitResult
 
-COMPUTE, LINEAR = "Compute", "Linear structures"
+_logger = logging.getLogger("fvi_cli")
+
+COMPUTE, REPORT, LINEAR = "Compute", "Report", "Linear structures"
+TABLES = ("table-1", "table-2", "full-order")
+FIGURES = (
+    "saturation",
+    "damped-oscillator-comparison",
+    "damped-oscillator",
+    "bagley-torvik-1-2",
+    "bagley-torvik-3-2",
+    "bagley-torvik-3-2-long",
+    "corrected-bdf3",
+)
+"""Configurations of the paper."""
 
 
 @command(
     COMPUTE,
-    *COMPUTED,
-    "shard",
+    *RUNS,
     examples=("fvi run damped-oscillator", "fvi run mine.yaml -j 4 --set problem.stiffness=2"),
 )
 def run(
@@ -34,20 +46,73 @@ def run(
     """Compute every method of a configuration on every step size; store what comes out."""
     from fvi_cli.render.json import finished_run
     from fvi_cli.render.runs import runs_as_text
+    from fvi_cli.runner.request import file_of
 
-    def show(request: Request, outcomes: list[Outcome]) -> None:
+    def show(config: LoadedConfig, outcomes: list[Outcome]) -> None:
         if call.json:
             finished = [one for outcome in outcomes for one in outcome.finished]
             call.collect({"runs": list(map(finished_run, finished))})
         else:
             print(runs_as_text(outcomes, every_member=call.verbose))
-        call.wrote([request.stored or call.output / f"{request.name}.h5"])
+        path = file_of(config, call.output)
+        call.wrote([] if path is None else [path])
 
-    call.gather(sources, stores_runs=True)
-    return call.each(functools.partial(call.runs, prune=prune, keeps_motions=False), show)
+    return call.runs(sources, show, prune=prune, keeps_motions=False)
 
 
-@command(COMPUTE, *CONFIGURED, examples=("fvi cost damped-oscillator --repeats 9",))
+@command(
+    REPORT,
+    *RUNS,
+    "check",
+    examples=("fvi convergence damped-oscillator", "fvi convergence results/mine.h5"),
+)
+def convergence(call: Call, sources: UsualSources = None) -> int:
+    """Make tables of orders; without arguments, those of the paper and of full order."""
+    from fvi_cli.render.results import order_tables
+
+    return call.runs(
+        sources or TABLES, lambda config, outcomes: call.show(config, order_tables(outcomes))
+    )
+
+
+@command(
+    REPORT,
+    *RUNS,
+    "formats",
+    "style",
+    examples=("fvi plot damped-oscillator", "fvi plot results/mine.h5 --style thesis.mplstyle"),
+)
+def plot(call: Call, sources: UsualSources = None) -> int:
+    """Draw figures, from stored runs where there are any; without arguments, the paper's."""
+    from fvi_cli import plotting
+    from fvi_cli.render.figures import write_figures
+    from fvi_cli.render.results import studies
+
+    def show(config: LoadedConfig, outcomes: list[Outcome]) -> None:
+        found = studies(outcomes)
+        drawn = plotting.figures_for(found, name=config.name)
+        if not sources and config.name == FIGURES[0]:
+            drawn = {"interpolation": plotting.interpolation_figure(), **drawn}
+        for line in plotting.left_out(found):
+            _logger.warning("%s", line)
+        call.wrote(write_figures(drawn, call.output, formats=call.formats or ()))
+
+    with nullcontext() if call.style is None else plotting.styled(call.style):
+        return call.runs(sources or FIGURES, show)
+
+
+@command(REPORT, *RUNS, "check", examples=("fvi quantities three-designs",))
+def quantities(call: Call, sources: Sources) -> int:
+    """Make tables of quantities (peak, its time, RMS) and events of every run."""
+    from fvi_cli.render.results import quantities as observed
+
+    return call.runs(
+        sources,
+        lambda config, outcomes: call.show(config, observed(outcomes, name=config.name)),
+    )
+
+
+@command(COMPUTE, *STUDY, examples=("fvi cost damped-oscillator --repeats 9",))
 def cost(
     call: Call,
     configs: Configs,
@@ -56,44 +121,37 @@ def cost(
     ] = 5,
 ) -> int:
     """Measure error, time and work of every method and baseline, one run after the other."""
-    from fvi_cli.runner.cost import cost as measure
-    from fvi_cli.runner.cost import cost_tasks, measurable
+    from fvi_cli.runner import cost as study
 
-    measurable(call.gather(configs))
-    compute = functools.partial(measure, repeats=repeats, progress=not call.quiet)
-    return call.each(compute, tasks=cost_tasks)
+    return call.study(configs, study.cost_tasks, study.cost, repeats=repeats)
 
 
-@command(COMPUTE, *CONFIGURED, "check", examples=("fvi stability stability-bagley-torvik",))
+@command(COMPUTE, *STUDY, "check", examples=("fvi stability stability-bagley-torvik",))
 def stability(call: Call, configs: Configs) -> int:
     """Predict the stability of every method over steps and parameters."""
-    from fvi_cli.runner.stability import stability as study
-    from fvi_cli.runner.stability import stability_tasks
+    from fvi_cli.runner import stability as study
 
-    call.gather(configs)
-    return call.each(functools.partial(study, progress=not call.quiet), tasks=stability_tasks)
+    return call.study(configs, study.stability_tasks, study.stability)
 
 
-@command(COMPUTE, *CONFIGURED, "check", examples=("fvi fit fit-response",))
+@command(COMPUTE, *STUDY, "check", examples=("fvi fit fit-response",))
 def fit(call: Call, configs: Configs) -> int:
     """Fit numbers of a problem to measured motions, with confidence intervals.
 
     Writes tables, figures and a configuration with the numbers found. Exit code 1 when a fit does
     not converge; then the best point is reported, and why.
     """
-    from fvi_cli.runner.fit import fit as fit_to
-    from fvi_cli.runner.fit import fit_tasks, write_fitted
+    from fvi_cli.runner import fit as study
 
-    def show(request: Request, results: list[FitResult]) -> None:
-        call.show(request, results)
-        if not call.check:
-            call.wrote(write_fitted(request, results, call.output))
-
-    call.gather(configs)
-    return call.each(functools.partial(fit_to, progress=not call.quiet), show, tasks=fit_tasks)
+    return call.study(
+        configs,
+        study.fit_tasks,
+        study.fit,
+        lambda config, found: study.write_fitted(config, found, call.output),
+    )
 
 
-@command(LINEAR, *CONFIGURED, "check", examples=("fvi modes ten-storeys --count 4",))
+@command(LINEAR, *STUDY, "check", examples=("fvi modes ten-storeys --count 4",))
 def modes(
     call: Call,
     configs: Configs,
@@ -112,17 +170,14 @@ def modes(
 
     Exit code 1 where modes may be missing.
     """
-    from fvi_cli.runner.vibration import linear_tasks
-    from fvi_cli.runner.vibration import modes as compute_modes
+    from fvi_cli.runner import vibration as study
 
-    call.gather(configs)
-    tasks = functools.partial(linear_tasks, action="modes")
-    return call.each(functools.partial(compute_modes, count=count, near=near), tasks=tasks)
+    return call.study(configs, study.modes_tasks, study.modes, count=count, near=near)
 
 
 @command(
     LINEAR,
-    *CONFIGURED,
+    *STUDY,
     "check",
     examples=("fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",),
 )
@@ -157,13 +212,13 @@ def response(
     ] = None,
 ) -> int:
     """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
-    from fvi_cli.runner.vibration import frequencies, linear_tasks
-    from fvi_cli.runner.vibration import response as compute_response
+    from fvi_cli.runner import vibration as study
 
-    # report mistakes in it before configurations are read
-    frequencies(frequency)
-    call.gather(configs)
-    compute = functools.partial(
-        compute_response, frequency=frequency, force=force or (), at=at or ()
+    return call.study(
+        configs,
+        study.response_tasks,
+        study.response,
+        frequency=frequency,
+        force=force or (),
+        at=at or (),
     )
-    return call.each(compute, tasks=functools.partial(linear_tasks, action="response"))

@@ -32,7 +32,7 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         from fvi_cli.runner.progress import configure_logging
 
         quiet, verbose = bool(kwargs.get("quiet")), bool(kwargs.get("verbose"))
-        configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.INFO)
+        configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
         try:
             code = command(*args, **kwargs)
             sys.stdout.flush()
@@ -41,34 +41,30 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             code = DONE
         except (Exception, KeyboardInterrupt) as error:
-            if verbose and not isinstance(error, FviError | KeyboardInterrupt):
+            code, words = _ending(error)
+            print(words, file=sys.stderr)
+            if verbose and code == RUN_FAILED:
                 traceback.print_exc()
-            code, lines = _ending(error)
-            if "fresh" in kwargs and isinstance(error, KeyboardInterrupt | MemoryError):
-                lines = [f"{lines[0]}; finished runs are stored; rerun the command to resume"]
-            print(*lines, sep="\n", file=sys.stderr)
         raise typer.Exit(code)
 
     return wrapped
 
 
-def _ending(error: BaseException) -> tuple[int, list[str]]:
+def _ending(error: BaseException) -> tuple[int, str]:
     """The exit code of an exception, and what is said."""
     match error:
         case RequestError():
-            # as they are: the line may begin with file:line:column, as editors understand it
-            return WRONG_REQUEST, list(error.complaints)
+            # as it is: a line may begin with file:line:column, as editors understand it
+            return WRONG_REQUEST, str(error)
         case FviError():
-            return WRONG_REQUEST, [f"fvi: {error}"]
+            return WRONG_REQUEST, f"fvi: {error}"
         case KeyboardInterrupt():
-            return INTERRUPTED, ["fvi: interrupted"]
+            return INTERRUPTED, "fvi: interrupted; the same command goes on"
         case MemoryError():
-            return RUN_FAILED, [f"fvi: not enough memory {error}".rstrip()]
+            return RUN_FAILED, f"fvi: not enough memory {error}".rstrip()
         case OSError():
             # a folder that is not there, a full disk, no permission
             place = f"{error.filename}: " if error.filename else ""
-            return WRONG_REQUEST, [f"fvi: {place}{error.strerror or error}"]
-    return RUN_FAILED, [
-        f"fvi: unexpected {type(error).__name__}: {error}",
-        "fvi: this is a mistake of the program; -v shows where it happened",
-    ]
+            return WRONG_REQUEST, f"fvi: {place}{error.strerror or error}"
+    words = f"fvi: unexpected {type(error).__name__}: {error}"
+    return RUN_FAILED, f"{words}\nfvi: this is a mistake of the program; -v shows where"

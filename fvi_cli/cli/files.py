@@ -1,9 +1,10 @@
-"""Commands for result files: ``show``, ``export``."""
+"""Commands for result files and configurations, and the guide."""
 
 from __future__ import annotations
 
 import logging
 import re
+import textwrap
 from pathlib import Path
 from typing import Annotated
 
@@ -11,11 +12,12 @@ import typer
 
 from fvi_cli.cli.command import Call, command
 from fvi_cli.cli.exits import DONE
-from fvi_cli.cli.options import ResultFile, shipped_names
+from fvi_cli.cli.options import Configs, ResultFile, shipped_names
+from fvi_cli.errors import RequestError
 
 _logger = logging.getLogger("fvi_cli")
 
-FILES = "Result files"
+FILES, CONFIGURATIONS = "Result files", "Configurations"
 
 
 @command(
@@ -58,7 +60,7 @@ def show(
         # a configuration reads records and matrices from its own folder
         places = [path.with_name(one) for one in re.findall(r"\bfile: ([^,}\s]+)", text)]
         if files := [str(one) for one in dict.fromkeys(places) if one.is_file()]:
-            _logger.info("copy the files that it reads to its folder: %s", " ".join(files))
+            _logger.warning("copy the files that it reads to its folder: %s", " ".join(files))
     return DONE
 
 
@@ -69,3 +71,102 @@ def export(call: Call, file: ResultFile) -> int:
 
     print(*export_file(file, call.output / file.stem), sep="\n")
     return DONE
+
+
+def _kinds(incomplete: str) -> list[str]:
+    from fvi_cli.scenes.registry import KINDS
+
+    return [kind for kind in KINDS if kind.startswith(incomplete)]
+
+
+@command(CONFIGURATIONS)
+def new(
+    call: Call,
+    name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the experiment.")],
+    kind: Annotated[
+        str,
+        typer.Option("--kind", metavar="KIND", help="Kind of the problem.", autocompletion=_kinds),
+    ] = "damped-oscillator",
+    schema: Annotated[
+        bool, typer.Option("--schema", help="Write the JSON schema for editors beside it.")
+    ] = False,
+) -> int:
+    """Write a commented configuration NAME.yaml to start from."""
+    from fvi_cli.render.starter import write_starter
+
+    print(*write_starter(name, kind, schema=schema), sep="\n")
+    return DONE
+
+
+@command(CONFIGURATIONS, "overrides", "json")
+def check(call: Call, configs: Configs) -> int:
+    """Validate configurations and compute nothing."""
+    from fvi_cli.config.names import names_along
+    from fvi_cli.render.json import document
+    from fvi_cli.scenes.problem import Problem
+
+    try:
+        loaded = call.gather(configs)
+    except RequestError as error:
+        if call.json:
+            print(document(valid=False, configurations=[], complaints=error.complaints))
+        raise
+    found = [
+        {
+            "file": str(one.path),
+            "name": one.name,
+            "experiments": [{"name": e.name, "runs": len(e.runs())} for e in one.experiments],
+        }
+        for one in loaded
+    ]
+    if call.json:
+        print(document(valid=True, configurations=found, complaints=[]))
+        return DONE
+    for config in loaded:
+        experiments = config.experiments
+        runs = sum(len(one.runs()) for one in experiments)
+        print(f"{config.path}: valid, experiments: {len(experiments)}, runs: {runs}")
+        for one in experiments if call.verbose else ():
+            if isinstance(one.problem, Problem):
+                names = ", ".join(names_along(one.problem, one.problem.ready))
+                print(f"  {one.name}: formulas know {names}")
+    return DONE
+
+
+@command(CONFIGURATIONS, "json")
+def list_(call: Call) -> int:
+    """List the configurations that come with the program, and what each shows."""
+    from fvi_cli.config import shipped_titles
+
+    titles = shipped_titles()
+    if call.json:
+        from fvi_cli.render.json import document
+
+        print(document(configurations=[{"name": n, "title": t} for n, t in titles.items()]))
+    else:
+        print(_in_columns(titles))
+    return DONE
+
+
+@command("Help")
+def guide(
+    call: Call,
+    page: Annotated[
+        str | None,
+        typer.Argument(metavar="PAGE", help="Name of a page; without it, list all names."),
+    ] = None,
+) -> int:
+    """Show a page of the guide, or list the pages."""
+    from fvi_cli.config import guide_page, guide_pages
+
+    if page is not None:
+        print(guide_page(page))
+        return DONE
+    for group, pages in guide_pages().items():
+        print(f"{group}:\n{textwrap.indent(_in_columns(pages), '  ')}\n")
+    return DONE
+
+
+def _in_columns(titles: dict[str, str]) -> str:
+    width = max(map(len, titles)) + 2
+    return "\n".join(f"{name:<{width}}{title}" for name, title in titles.items())

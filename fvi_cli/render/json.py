@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from fvi_cli.runner.plan import PlannedRun
+from fvi_cli.runner.compute import PlannedRun
 from fvi_cli.storage import StoredFile
 from fvi_cli.storage.fields import COUNTS, EXTENTS, JSON_FIELDS, counts_in, extents_in, values_of
 from fvi_cli.studies.experiment import FinishedRun, Run
@@ -41,7 +41,7 @@ def finished_run(finished: FinishedRun) -> dict[str, object]:
 
 def planned_run(plan: PlannedRun) -> dict[str, object]:
     """A run with what would be done with it, and the memory that it takes."""
-    unknown = ("case", "n_steps", "step_size") if plan.finds_steps else ()
+    unknown = ("case", "n_steps", "step_size") if plan.run.is_search else ()
     known = {"action": plan.action, "memory_bytes": plan.memory_bytes}
     return {**_run(plan.run), **dict.fromkeys(unknown), **known}
 

@@ -146,12 +146,7 @@ def write(
 def failures(results: Results) -> str:
     """How many of the results failed that were not expected to, in words; empty: none."""
     kind, found = _sorted(results)
-    if kind is Outcome:
-        count, words = sum(len(one.unexpected) for one in found), "runs failed unexpectedly"
-    elif kind is StabilityTable:
-        count = sum(bool(row.failure) for one in found for row in one.rows)
-        words = "predictions failed"
-    elif kind is CostTable:
+    if kind in (Outcome, CostTable):
         count, words = sum(len(one.unexpected) for one in found), "runs failed unexpectedly"
     elif kind is FitResult:
         count, words = sum(not one.is_converged for one in found), "fits did not converge"

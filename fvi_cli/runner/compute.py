@@ -1,4 +1,4 @@
-"""The runs of a request: looked up, computed, stored, and read."""
+"""The runs of a configuration: looked up, computed, stored, and read."""
 
 from __future__ import annotations
 
@@ -6,26 +6,24 @@ import logging
 import re
 from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fvi_cli.errors import StorageError
-from fvi_cli.runner.executor import Result, check_workers, compute_all
+import numpy as np
+
+from fvi_cli.config import LoadedConfig
+from fvi_cli.config.machine import run_bytes
+from fvi_cli.errors import RequestError, StorageError
+from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.runner.executor import compute_all
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
-from fvi_cli.runner.plan import check_memory_together, result_file, shard_named
 from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request, Source, gather, requested
-from fvi_cli.runner.work import (
-    Batch,
-    batches_of,
-    lost_run,
-    one_by_one_words,
-    reference_batches_of,
-)
-from fvi_cli.storage.identity import identity_of, reference_identity_of
+from fvi_cli.runner.request import Source, file_of, is_stored, load
+from fvi_cli.runner.work import Batch, batches_of, one_by_one_words, reference_batches_of
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.storage.store import Store, running
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-from fvi_cli.studies.reference import needs_refined_run, remember
+from fvi_cli.studies.reference import needs_refined_run
 
 _logger = logging.getLogger(__name__)
 
@@ -48,7 +46,7 @@ def run(
     Parameters
     ----------
     source
-        As for :func:`load`.
+        As for :func:`load`; the runs of a result file are read, and none is computed.
     output
         Folder of ``<name>.h5``, whose runs are not computed again; None: no file is written.
     workers
@@ -70,39 +68,38 @@ def run(
     ------
     StorageError
         If results cannot be read or written.
-    RequestError
-        If the longest runs, one for each process, do not fit in memory together.
     """
-    request, part = requested(source), shard_named(shard)
-    check_workers(workers, dask)
-    check_memory_together(request, workers)
-    store = Store(result_file(request, output))
-    listed = {one: one.runs() for one in request.loaded.experiments}
-    runs = [one for own in listed.values() for one in own]
-    lost: dict[Run, str] = {}
-    if request.stored is None:
-        target = store if keep else Store(None)
-        task = _Task(request, runs, store, target, part, is_fresh=fresh)
-        lost = task.compute(workers, dask, prunes=prune, progress=progress)
-    else:
-        target = store
-        store.configuration()
+    config, part = load(source), shard_named(shard)
+    listed = {experiment: experiment.runs() for experiment in config.experiments}
+    runs = [run for own in listed.values() for run in own]
+    store = Store(file_of(config, output))
+    target, lost = store if keep else Store(None), dict[Run, str]()
+    if is_stored(config):
         store.fold()
+    else:
+        if keep and part[1] == 1:
+            # a damaged part is found now, so that its runs are computed
+            store.fold(runs)
+        if keep:
+            store.describe(config.text, config.resolved, config.overrides)
+        work = _Work(config.name, runs, store, target, fresh)
+        try:
+            lost = work.compute(part, workers, dask, progress=progress)
+        finally:
+            # also after Ctrl-C
+            if part[1] == 1:
+                target.fold(runs, prunes=prune)
+            target.look()
     found = store.read(runs, motions=keeps_motions)
-    if target is not store:
+    if not keep:
         found |= target.read(runs, motions=keeps_motions)
-    found |= {one: lost_run(one, message) for one, message in lost.items()}
-    if request.stored is None:
-        _report(runs, found)
-    outcomes = [_outcome(one, [found[r] for r in own if r in found]) for one, own in listed.items()]
-    if request.stored is not None:
-        _report_missing(outcomes, request.stored)
-    for experiment, own in listed.items():
-        if own and not experiment.members and needs_refined_run(own[0]):
-            references = target.references(own[:1]) or store.references(own[:1])
-            if reference := references.get(own[0]):
-                remember(experiment, reference)
-    return outcomes
+    found |= {one: _lost_run(one, words) for one, words in lost.items()}
+    if not is_stored(config):
+        _report([found[run] for run in runs if run in found])
+    return [
+        _outcome(experiment, [found[run] for run in own if run in found], config)
+        for experiment, own in listed.items()
+    ]
 
 
 def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
@@ -120,162 +117,195 @@ def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
     StorageError
         If the file cannot be read.
     """
-    (request,) = gather([str(path)], overrides)
-    return run(request)
+    return run(load(path, overrides=overrides))
 
 
-class _Task:
-    """The runs of a request that are computed by one command."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PlannedRun:
+    """The plan for one run."""
 
-    def __init__(
-        self,
-        request: Request,
-        runs: Sequence[Run],
-        store: Store,
-        target: Store,
-        shard: tuple[int, int],
-        *,
-        is_fresh: bool,
-    ) -> None:
-        self.request, self.runs, self.store, self.target = request, runs, store, target
-        self.shard, self.is_fresh = shard, is_fresh
+    run: Run
+    # "reuse" a stored result, "compute", or "leave out" (a run that another shard computes, or that
+    # is missing in the result file of the request)
+    action: str
 
-    def compute(
-        self, workers: int, dask: str | None, *, prunes: bool, progress: bool
-    ) -> dict[Run, str]:
-        """Compute and store what is missing; returns runs that were lost, with the reason."""
-        loaded, lost = self.request.loaded, dict[Run, str]()
-        number, count = self.shard
-        if self.target is self.store:
-            if count == 1:
-                # a damaged part is found now, so that its runs are computed
-                self.store.fold(self.runs)
-            self.store.describe(loaded.text, loaded.resolved, loaded.overrides)
-        missing = self._missing()
-        _log_waiting(self.request.name, self.runs, missing)
-        waiting = set(missing)
-        # all runs are divided, so that the parts of one shard do not depend on those of others
-        shared = ([run for run in one.runs if run in waiting] for one in batches_of(self.runs))
-        batches = [Batch(runs=tuple(one)) for one in [*shared][number - 1 :: count] if one]
-        own = [run for batch in batches for run in batch.runs]
-        references = [
-            batch
-            for batch in reference_batches_of(own)
-            if self.is_fresh
-            or not all(self.store.has(reference_identity_of(run)) for run in batch.runs)
-        ]
-        try:
-            with (
-                running(self.target.path if batches else None) as is_alone,
-                progress_bar(self.request.name, len(own), wanted=progress) as advance,
-            ):
-                for batch, result in self._results(references, workers, dask, is_alone=is_alone):
-                    self._take(batch, result)
-                self.target.look()
-                for batch, result in self._results(batches, workers, dask, is_alone=is_alone):
-                    lost |= self._take(batch, result)
-                    advance(batch.runs[-1].title, len(batch.runs))
-        finally:
-            # also after Ctrl-C
-            if count == 1:
-                self.target.fold(self.runs, prunes=prunes)
-            self.target.look()
-        return lost
+    @property
+    def memory_bytes(self) -> int | None:
+        """Memory that the run takes by itself; None where its steps are not known."""
+        run = self.run
+        return None if run.is_search else run_bytes(run.experiment, run.method, run.n_steps)
 
-    def _missing(self) -> list[Run]:
+
+def plan(
+    source: Source,
+    *,
+    output: Path | str = "results",
+    fresh: bool = False,
+    shard: str = "1/1",
+) -> list[PlannedRun]:
+    """What :func:`run` would do with every run; writes no file."""
+    config, part = load(source), shard_named(shard)
+    runs = [one for experiment in config.experiments for one in experiment.runs()]
+    store = Store(file_of(config, output))
+    work = _Work(config.name, runs, store, store, fresh and not is_stored(config))
+    waiting, own = work.missing(), set[Run]()
+    if not is_stored(config):
+        own = {run for batch in work.batches(part) for run in batch.runs}
+    actions = {run: "compute" if run in own else "leave out" for run in waiting}
+    return [PlannedRun(run=run, action=actions.get(run, "reuse")) for run in runs]
+
+
+def shard_named(text: str) -> tuple[int, int]:
+    """The numbers I and N of a text ``I/N``, of which I counts from 1.
+
+    Raises
+    ------
+    RequestError
+        If the text names no part.
+    """
+    found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
+    number, count = map(int, found.groups()) if found else (0, 0)
+    if not 1 <= number <= count:
+        raise RequestError(
+            f"--shard {text}: is not I/N with I from 1 to N, such as 2/4 for the second of four "
+            "parts"
+        )
+    return number, count
+
+
+@dataclass(frozen=True)
+class _Work:
+    """What one command computes of some runs."""
+
+    name: str
+    runs: Sequence[Run]
+    store: Store  # where runs are looked up
+    target: Store  # where they are stored
+    is_fresh: bool
+
+    def missing(self) -> set[Run]:
         """The first of all equal runs that are not stored."""
         found: dict[str, Run] = {}
         for one in self.runs:
             identity = identity_of(one)
             if self.is_fresh or not self.store.has(identity):
                 found.setdefault(identity, one)
-        return list(found.values())
+        return set(found.values())
 
-    def _results(
-        self, batches: Sequence[Batch], workers: int, dask: str | None, *, is_alone: bool
-    ) -> Iterator[tuple[Batch, Result]]:
-        if workers > 1 or dask:
-            batches = sorted(batches, key=lambda one: -one.n_steps)
-        # two commands begin at different ends, and skip what the other has done
-        ordered = batches if is_alone else batches[::-1]
-        return compute_all(ordered, workers, dask, prepare=self._prepared)
+    def batches(self, part: tuple[int, int]) -> list[Batch]:
+        """What is missing of the I-th of N parts.
 
-    def _prepared(self, batch: Batch) -> Batch | None:
-        """The batch with the references that are known; None: another command has computed it."""
-        if not self.is_fresh:
-            if self.target.has_part(batch.name):
-                return None
-            if self.target.has_grown():
+        All runs are divided, so that a part does not depend on what others have stored.
+        """
+        waiting = self.missing()
+        shared = [[run for run in one.runs if run in waiting] for one in batches_of(self.runs)]
+        number, count = part
+        return [Batch(runs=tuple(one)) for one in shared[number - 1 :: count] if one]
+
+    def compute(
+        self, part: tuple[int, int], workers: int, dask: str | None, *, progress: bool
+    ) -> dict[Run, str]:
+        """Compute and store what is missing; returns runs that were lost, with the reason."""
+        batches, lost = self.batches(part), dict[Run, str]()
+        own = [run for batch in batches for run in batch.runs]
+        count = len(self.missing())
+        _logger.debug(
+            "%s: %d runs, %d of them stored", self.name, len(self.runs), len(self.runs) - count
+        )
+        for experiment in dict.fromkeys(one.experiment for one in own):
+            if words := one_by_one_words(experiment):
+                _logger.info("%s: %s", self.name, words)
+        with (
+            running(self.target.path if batches else None) as is_alone,
+            progress_bar(self.name, len(own), wanted=progress) as advance,
+        ):
+            for waiting in (reference_batches_of(own), batches):
+                if workers > 1 or dask:
+                    waiting.sort(key=lambda one: -one.n_steps)
+                # two commands begin at different ends, and skip what the other has done
+                ordered = waiting if is_alone else waiting[::-1]
+                for batch, result in compute_all(self._ready(ordered), workers, dask):
+                    if isinstance(result, bytes):
+                        self.target.add(batch.name, result)
+                    elif not batch.is_reference:
+                        lost |= dict.fromkeys(batch.runs, _words(result))
+                    if not batch.is_reference:
+                        advance(len(batch.runs))
                 self.target.look()
-            name_of = reference_identity_of if batch.is_reference else identity_of
-            if all(self.store.has(name_of(one)) for one in batch.runs):
-                return None
-        if batch.is_reference:
-            return batch
-        needed = [one for one in batch.runs if needs_refined_run(one)]
-        known = {} if self.is_fresh else self.store.references(needed)
-        return replace(batch, references=known | self.target.references(needed))
+        return lost
 
-    def _take(self, batch: Batch, result: Result) -> dict[Run, str]:
-        """Store the part of a batch; returns the runs that it lacks."""
-        if isinstance(result, BaseException):
-            is_dead = isinstance(result, BrokenExecutor)
-            words = "the process that computed it ended twice (out of memory?)"
-            return dict.fromkeys(batch.runs, words if is_dead else f"not computed: {result}")
-        self.target.add(batch.name, result.part)
-        return {batch.runs[place]: message for place, message in result.lost.items()}
+    def _ready(self, batches: Sequence[Batch]) -> Iterator[Batch]:
+        """The batches with the references that are known, but those that are computed meanwhile."""
+        for batch in batches:
+            if not self.is_fresh:
+                if self.target.has_grown():
+                    self.target.look()
+                is_stored = all(map(self.store.has, batch.identities))
+                if is_stored or self.target.has_part(batch.name):
+                    continue
+            needed = [] if batch.is_reference else list(filter(needs_refined_run, batch.runs))
+            known = {} if self.is_fresh else self.store.references(needed)
+            yield replace(batch, references=known | self.target.references(needed))
 
 
-def _outcome(experiment: Experiment, finished: Sequence[FinishedRun]) -> Outcome:
-    """The outcome; for a single search its experiment has the chosen method and steps."""
-    is_chosen = experiment.needs_search and not experiment.members and finished
-    own = finished[0].run.experiment if is_chosen else experiment
-    return Outcome(experiment=own, finished=tuple(finished))
+def _words(error: Exception) -> str:
+    """Why a batch was not computed; the traceback is logged at the debug level."""
+    _logger.debug("", exc_info=error)
+    if isinstance(error, BrokenExecutor):
+        return "the process that computed it ended twice (out of memory?)"
+    if isinstance(error, MemoryError):
+        return f"not enough memory {error}".rstrip()
+    words = f"unexpected {type(error).__name__}: {error}"
+    return f"{words}; this is a mistake of the program, please report it"
 
 
-def _report_missing(outcomes: Sequence[Outcome], path: Path) -> None:
-    """Warn of requested runs that a result file lacks.
+def _lost_run(run: Run, message: str) -> FinishedRun:
+    """A finished run with status ``failed`` that has only its start and the message."""
+    scene = run.problem.scene
+    start = np.zeros(1) if scene is None else scene.initial_position
+    trajectory = Trajectory(
+        time=np.zeros(1), position=start[None], n_steps=run.n_steps, step_size=run.step_size,
+        status="failed", message=message,
+    )  # fmt: skip
+    return FinishedRun(
+        run=run, trajectory=trajectory, error=float("nan"), floor=0.0, status="failed"
+    )
+
+
+def _outcome(
+    experiment: Experiment, finished: Sequence[FinishedRun], config: LoadedConfig
+) -> Outcome:
+    """The outcome; for a single search its experiment has the chosen method and steps.
 
     Raises
     ------
     StorageError
-        If none of the runs of an experiment can be used.
+        If a result file has none of the runs of an experiment.
     """
-    for outcome in outcomes:
-        if outcome.missing and not outcome.finished:
-            raise StorageError(
-                f"{path}: none of the {outcome.missing} runs of {outcome.experiment.name} is "
-                "stored for these settings and this version of fvi; compute them with fvi run and "
-                f"their configuration, which fvi show {path} --config prints"
-            )
-        if outcome.missing:
-            _logger.warning(
-                "%s: %d runs of %s are missing; run its configuration to compute them",
-                path, outcome.missing, outcome.experiment.name,
-            )  # fmt: skip
+    if experiment.needs_search and not experiment.members and finished:
+        experiment = finished[0].run.experiment
+    outcome = Outcome(experiment=experiment, finished=tuple(finished))
+    if is_stored(config) and outcome.missing:
+        words = f"{config.path}: {outcome.missing} runs of {experiment.name} are not stored for "
+        words += "these settings and this version of fvi; compute them with fvi run and their "
+        words += f"configuration, which fvi show {config.path} --config prints"
+        if not finished:
+            raise StorageError(words)
+        _logger.warning("%s", words)
+    return outcome
 
 
-def _log_waiting(title: str, runs: Sequence[Run], missing: Sequence[Run]) -> None:
-    """Log how many runs are computed, and why members are not a batch."""
-    _logger.debug("%s: %d runs, %d of them stored", title, len(runs), len(runs) - len(missing))
-    for experiment in dict.fromkeys(one.experiment for one in missing):
-        if words := one_by_one_words(experiment):
-            _logger.warning("%s: %s", title, words)
-
-
-def _report(runs: Sequence[Run], found: dict[Run, FinishedRun]) -> None:
-    """Log a line for a run (a warning if it failed unexpectedly), and each of its remarks once."""
+def _report(found: Sequence[FinishedRun]) -> None:
+    """Log a line for a run; as a warning each remark, and why runs failed unexpectedly, once."""
     shown: set[tuple[str, str, str]] = set()
-    for run_ in runs:
-        if run_ not in found:
-            continue
-        finished = found[run_]
-        title, trajectory = finished.run.title, finished.trajectory
-        for remark in trajectory.remarks:
-            alike = run_.experiment.name, run_.method.case, re.sub(r"[0-9.]+", "", remark)
+    for finished in found:
+        run, trajectory = finished.run, finished.trajectory
+        _logger.debug("%s: %s, error %.3g", run.title, finished.status, finished.error)
+        lines = list(trajectory.remarks)
+        if is_unexpected_failure(finished):
+            lines.append(": ".join(filter(None, (finished.status, trajectory.message))))
+        for line in lines:
+            alike = run.experiment.name, run.method.case, re.sub(r"[0-9.]+", "", line)
             if alike not in shown:
                 shown.add(alike)
-                _logger.warning("%s: %s", title, remark)
-        level = logging.WARNING if is_unexpected_failure(finished) else logging.DEBUG
-        message = f" ({trajectory.message})" if trajectory.message else ""
-        _logger.log(level, "%s: %s, error %.3g%s", title, finished.status, finished.error, message)
+                _logger.warning("%s: %s", run.title, line)

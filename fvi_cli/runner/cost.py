@@ -1,55 +1,20 @@
-"""The cost of accuracy, measured for every run of a request."""
+"""The cost of accuracy, measured for every run of a configuration."""
 
 from __future__ import annotations
 
+import functools
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator
 
+from fvi_cli.config import LoadedConfig
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request, Source, Task, requested
-from fvi_cli.studies.cost import REPEATS, CostTable, measure_cost
-from fvi_cli.studies.experiment import NEEDS_LADDER
+from fvi_cli.runner.progress import Task, carry_out
+from fvi_cli.runner.request import Source, load
+from fvi_cli.studies.cost import REPEATS, CostRow, CostTable, measure_cost
+from fvi_cli.studies.experiment import NEEDS_LADDER, Run
 from fvi_cli.studies.reference import reference_of
 
 _logger = logging.getLogger(__name__)
-
-
-def measurable(requests: Sequence[Request]) -> list[Request]:
-    """The requests, after a check that they can be measured.
-
-    Raises
-    ------
-    RequestError
-        With one line for everything that cannot be measured.
-    """
-    complaints = []
-    for request in requests:
-        if request.stored is not None:
-            complaints.append(
-                f"{request.stored}: costs are measured anew; name the configuration instead"
-            )
-            continue
-        for experiment in request.loaded.experiments:
-            if experiment.members:
-                complaints.append(
-                    f"{experiment.name}: costs are measured for one scene; leave out sweep"
-                )
-            if experiment.needs_search:
-                complaints.append(f"{experiment.name}: {NEEDS_LADDER}")
-            if experiment.problem.exact_source == "none":
-                complaints.append(
-                    f"{experiment.name}: exact: none gives no errors; "
-                    "write --set problem.exact=auto"
-                )
-            if experiment.problem.scene is None:
-                complaints.append(
-                    f"{experiment.name}: costs are measured for motions, "
-                    "not for a fractional derivative"
-                )
-    if complaints:
-        raise RequestError(*complaints)
-    return list(requests)
 
 
 def cost(source: Source, *, repeats: int = REPEATS, progress: bool = False) -> list[CostTable]:
@@ -71,35 +36,47 @@ def cost(source: Source, *, repeats: int = REPEATS, progress: bool = False) -> l
     RequestError
         For a sweep, and where nothing is integrated.
     """
-    if repeats < 1:
-        raise RequestError(f"--repeats {repeats}: is not allowed; it must be 1 or more")
-    (request,) = measurable([requested(source)])
+    config = load(source)
+    tasks = cost_tasks(config, repeats=repeats)
+    rows: list[CostRow] = carry_out(tasks, config.name, progress=progress)
     tables = []
-    experiments = request.loaded.experiments
-    count = sum(len(experiment.runs()) for experiment in experiments)
-    with progress_bar(request.name, count, wanted=progress) as done:
-        for experiment in experiments:
-            runs, rows = experiment.runs(), []
-            reference = reference_of(runs[0])
-            for run in runs:
-                rows.append(measure_cost(run, reference, repeats=repeats))
-                done(run.title)
-            tables.append(
-                CostTable(experiment=experiment, reference=reference.source, rows=tuple(rows))
-            )
+    for experiment in config.experiments:
+        own = tuple(row for row in rows if row.run.experiment is experiment)
+        reference = reference_of(own[0].run).source
+        tables.append(CostTable(experiment=experiment, reference=reference, rows=own))
     for line in (line for table in tables for line in table.unexpected):
         _logger.warning("%s", line)
     return tables
 
 
-def cost_tasks(request: Request) -> list[Task]:
-    """A task for every method that would be timed, with its numbers of steps."""
+def cost_tasks(config: LoadedConfig, *, repeats: int = REPEATS) -> list[Task]:
+    """A task for every run that is timed; raises :class:`RequestError` as :func:`cost` does."""
+    if complaints := list(_complaints(config)):
+        raise RequestError(*complaints)
     return [
         Task(
             experiment=experiment.name,
-            action=f"time {method.label}",
-            of=f"N = {', '.join(map(str, experiment.steps))}",
+            action=f"time {run.method.label}",
+            of=f"N = {run.n_steps}",
+            work=functools.partial(_row, run, repeats),
         )
-        for experiment in request.loaded.experiments
-        for method in experiment.methods
+        for experiment in config.experiments
+        for run in experiment.runs()
     ]
+
+
+def _row(run: Run, repeats: int) -> CostRow:
+    return measure_cost(run, reference_of(run), repeats=repeats)
+
+
+def _complaints(config: LoadedConfig) -> Iterator[str]:
+    """Why costs of an experiment cannot be measured."""
+    for one in config.experiments:
+        if one.members:
+            yield f"{one.name}: costs are measured for one scene; leave out sweep"
+        elif one.problem.scene is None:
+            yield f"{one.name}: costs are measured for motions, not for a fractional derivative"
+        elif one.needs_search:
+            yield f"{one.name}: {NEEDS_LADDER}"
+        elif one.problem.exact_source == "none":
+            yield f"{one.name}: exact: none gives no errors; write --set problem.exact=auto"

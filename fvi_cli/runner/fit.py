@@ -1,20 +1,20 @@
-"""The fits of a request."""
+"""The fits of a configuration."""
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import logging
 from collections.abc import Sequence
 from pathlib import Path
 
+from fvi_cli.config import LoadedConfig
 from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request, Source, Task, requested
+from fvi_cli.runner.progress import Task, carry_out
+from fvi_cli.runner.request import Source, load
 from fvi_cli.storage.files import replace_file
-from fvi_cli.studies.experiment import Experiment
-from fvi_cli.studies.fits.result import FitResult
-from fvi_cli.studies.fits.settings import FitSettings
+from fvi_cli.studies.fits.result import FitResult, ModelFit
+from fvi_cli.studies.fits.settings import FitModel, FitSettings
 
 _logger = logging.getLogger(__name__)
 
@@ -31,7 +31,7 @@ def fit(
     overrides
         Changes ``key.path=value``, only for a configuration that is not loaded yet.
     progress
-        As for :func:`stability`.
+        As for :func:`run`.
 
     Returns
     -------
@@ -43,50 +43,56 @@ def fit(
     RequestError
         If no experiment has ``fit``, and for parameters without influence on the data.
     """
-    from fvi_cli.studies.fits.fitting import fit_models as fit_experiment
-
-    request = requested(source, overrides=overrides)
-    chosen = _chosen(request)
+    config = load(source, overrides=overrides)
+    found = iter(carry_out(fit_tasks(config), config.name, progress=progress))
     results = []
-    total = sum(len(settings.models) for _, settings in chosen)
-    with progress_bar(request.name, total, wanted=progress) as advance:
-        for experiment, settings in chosen:
-            found = fit_experiment(experiment.name, settings, log=advance)
-            results.append(dataclasses.replace(found, units=experiment.units))
-            for model in found.models:
-                title = f"{experiment.name} {model.model.name}".strip()
-                if not model.is_converged:
-                    _logger.error("%s: no fit: %s", title, model.message)
-                for warning in model.warnings:
-                    _logger.warning("%s: %s", title, warning)
+    for experiment in config.experiments:
+        if experiment.fit is None:
+            continue
+        models = tuple(next(found) for _ in experiment.fit.models)
+        for model in models:
+            title = f"{experiment.name} {model.model.name}".strip()
+            if not model.is_converged:
+                _logger.error("%s: no fit: %s", title, model.message)
+            for warning in model.warnings:
+                _logger.warning("%s: %s", title, warning)
+        results.append(
+            FitResult(
+                name=experiment.name, settings=experiment.fit, models=models, units=experiment.units
+            )
+        )
     return results
 
 
-def _chosen(request: Request) -> list[tuple[Experiment, FitSettings]]:
-    """The experiments with ``fit``, and these settings."""
-    chosen = [(one, one.fit) for one in request.loaded.experiments if one.fit is not None]
-    if not chosen:
-        raise RequestError(f"{request.name}: fit: missing; write it with data and parameters")
-    return chosen
-
-
-def fit_tasks(request: Request) -> list[Task]:
-    """A task for every model that would be fitted, with its parameters and data."""
-    return [
+def fit_tasks(config: LoadedConfig) -> list[Task]:
+    """A task for every model, with its parameters and data."""
+    tasks = [
         Task(
             experiment=experiment.name,
             action=f"fit {model.name}".strip(),
             of=f"{', '.join(one.key for one in model.parameters)} to "
-            + ", ".join(data.name for data in settings.data),
+            + ", ".join(data.name for data in experiment.fit.data),
+            work=functools.partial(_fit, experiment.fit, model),
         )
-        for experiment, settings in _chosen(request)
-        for model in settings.models
+        for experiment in config.experiments
+        if experiment.fit is not None
+        for model in experiment.fit.models
     ]
+    if not tasks:
+        raise RequestError(f"{config.name}: fit: missing; write it with data and parameters")
+    return tasks
 
 
-def write_fitted(request: Request, results: list[FitResult], output: Path) -> list[Path]:
+def _fit(settings: FitSettings, model: FitModel) -> ModelFit:
+    # a slow import, which a dry run need not wait for
+    from fvi_cli.studies.fits.fitting import fit_model
+
+    return fit_model(settings, model)
+
+
+def write_fitted(config: LoadedConfig, results: Sequence[FitResult], output: Path) -> list[Path]:
     """Write a configuration with the best estimates for every experiment that has some."""
-    names = [one.name for one in request.loaded.experiments]
+    names = [one.name for one in config.experiments]
     paths = []
     for result in results:
         best = result.best
@@ -98,7 +104,7 @@ def write_fitted(request: Request, results: list[FitResult], output: Path) -> li
         ]
         number = names.index(result.name)
         try:
-            text = fitted_text(request.loaded, number, best.model.specification, motions, output)
+            text = fitted_text(config, number, best.model.specification, motions, output)
         except RequestError as error:
             _logger.error("%s", error)
             continue

@@ -1,19 +1,39 @@
-"""Messages on standard error while runs are computed."""
+"""Pieces of work, and what standard error shows while they are done."""
 
 from __future__ import annotations
 
 import logging
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import Any
 
-Advance = Callable[..., None]
-"""Called with a description of what is done, and a number if that is more than one piece."""
+Advance = Callable[[int], object]
+"""Called with the number of pieces that are done."""
 
 SECONDS_BETWEEN_LINES = 10.0
 
-_logger = logging.getLogger(__name__)
+
+@dataclass(frozen=True, kw_only=True)
+class Task:
+    """A piece of work other than a run, such as a fit."""
+
+    experiment: str
+    action: str  # such as "fit zener"
+    of: str  # what it is done with: "damping.0.order to decay.csv"
+    work: Callable[[], Any]
+
+
+def carry_out(tasks: Sequence[Task], title: str, *, progress: bool) -> list[Any]:
+    """The results of tasks, one after the other."""
+    results = []
+    with progress_bar(title, len(tasks), wanted=progress) as advance:
+        for task in tasks:
+            results.append(task.work())
+            advance(1)
+    return results
 
 
 class StandardErrorHandler(logging.Handler):
@@ -25,29 +45,30 @@ class StandardErrorHandler(logging.Handler):
             print(self.format(record), file=sys.stderr)  # noqa: T201
 
 
-def configure_logging(level: int) -> logging.Logger:
+def configure_logging(level: int) -> None:
     """Send only records of this program of at least `level` to standard error."""
     logger = logging.getLogger("fvi_cli")
-    for handler in list(logger.handlers):
-        logger.removeHandler(handler)
-    logger.addHandler(StandardErrorHandler())
+    logger.handlers = [StandardErrorHandler()]
     logger.setLevel(level)
     logger.propagate = False
-    return logger
 
 
 @contextmanager
 def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
     """Show how many of `total` pieces are done: a bar on a terminal, elsewhere a line now and then.
 
-    It yields a function that is called when something is done. Nothing is shown unless it is
-    `wanted`.
+    It yields a function that is called when some are done.
     """
     if not (wanted and total):
-        yield lambda doing, count=1: None
+        yield lambda count: None
     elif sys.stderr.isatty():
-        with _bar(title, total) as advance:
-            yield advance
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeElapsedColumn
+
+        columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(title, total=total)
+            yield lambda count: bar.advance(task, count)
     else:
         with _lines(title, total) as advance:
             yield advance
@@ -55,48 +76,16 @@ def progress_bar(title: str, total: int, *, wanted: bool) -> Iterator[Advance]:
 
 @contextmanager
 def _lines(title: str, total: int) -> Iterator[Advance]:
-    done, ended = 0, threading.Event()
+    done, ended = list[int](), threading.Event()
 
     def report() -> None:
         while not ended.wait(SECONDS_BETWEEN_LINES):
-            _logger.info("%s: %d of %d done", title, done, total)
-
-    def advance(doing: str, count: int = 1) -> None:
-        nonlocal done
-        done += count
+            print(f"{title}: {sum(done)} of {total} done", file=sys.stderr, flush=True)  # noqa: T201
 
     reporter = threading.Thread(target=report, daemon=True)
     reporter.start()
     try:
-        yield advance
+        yield done.append
     finally:
         ended.set()
         reporter.join()
-
-
-@contextmanager
-def _bar(title: str, total: int) -> Iterator[Advance]:
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-    from rich.table import Column
-
-    # the description is cut, so that the bar and the count are whole on 80 columns
-    doing = TextColumn(
-        "{task.description}",
-        markup=False,
-        table_column=Column(ratio=1, no_wrap=True, overflow="ellipsis"),
-    )
-    columns = (BarColumn(bar_width=20), MofNCompleteColumn(), TimeElapsedColumn(), doing)
-    with Progress(*columns, console=Console(stderr=True), transient=True, expand=True) as progress:
-        task = progress.add_task(title, total=total)
-
-        def advance(doing: str, count: int = 1) -> None:
-            progress.update(task, advance=count, description=doing.removeprefix(f"{title} "))
-
-        yield advance

@@ -1,22 +1,23 @@
-"""Stability studies of a request."""
+"""Stability studies of a configuration."""
 
 from __future__ import annotations
 
-import logging
+import functools
+import itertools
+from collections.abc import Iterator, Sequence
 
+import numpy as np
+
+from fvi_cli.config import LoadedConfig
 from fvi_cli.errors import RequestError
-from fvi_cli.runner.progress import progress_bar
-from fvi_cli.runner.request import Request, Source, Task, requested
-from fvi_cli.runner.work import crash_of
-from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment
-from fvi_cli.studies.stability_study import (
-    StabilityTable,
-    distinct_regions,
-    stability_maps,
-    stability_rows,
-)
-
-_logger = logging.getLogger(__name__)
+from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.stability.region import StabilityMap, stability_map
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.runner.progress import Task, carry_out
+from fvi_cli.runner.request import Source, load
+from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run
+from fvi_cli.studies.stability_study import StabilityRow, StabilityTable, distinct_regions
+from fvi_cli.studies.study import prediction_of
 
 
 def stability(source: Source, *, progress: bool = False) -> list[StabilityTable]:
@@ -27,44 +28,65 @@ def stability(source: Source, *, progress: bool = False) -> list[StabilityTable]
     source
         As for :func:`load`.
     progress
-        Show a progress bar where there is a terminal.
+        As for :func:`run`.
 
-    A :class:`RequestError` reports an experiment in which nothing is integrated.
+    Raises
+    ------
+    RequestError
+        For an experiment in which nothing is integrated.
     """
-    request = requested(source)
-    return [_study(one, show_progress=progress) for one in request.loaded.experiments]
+    return [_study(one, progress=progress) for one in load(source).experiments]
 
 
-def stability_tasks(request: Request) -> list[Task]:
-    """A task for every method whose stability would be predicted, with its numbers of steps."""
-    return [
-        Task(
-            experiment=experiment.name,
-            action=f"predict {method.label}",
-            of=f"N = {', '.join(map(str, experiment.steps))}"
-            + (f" for {len(experiment.members)} members" if experiment.members else ""),
-        )
-        for experiment in request.loaded.experiments
-        for method in experiment.methods
-    ]
+def stability_tasks(config: LoadedConfig) -> list[Task]:
+    """A task for every method with every number of steps, and for every region."""
+    return [task for one in config.experiments for task in _tasks(one)]
 
 
-def _study(experiment: Experiment, *, show_progress: bool) -> StabilityTable:
+def _study(experiment: Experiment, *, progress: bool) -> StabilityTable:
+    found = carry_out(list(_tasks(experiment)), experiment.name, progress=progress)
+    results = list(itertools.chain.from_iterable(found))
+    return StabilityTable(
+        experiment=experiment,
+        rows=tuple(one for one in results if isinstance(one, StabilityRow)),
+        regions=tuple(one for one in results if isinstance(one, StabilityMap)),
+    )
+
+
+def _tasks(experiment: Experiment) -> Iterator[Task]:
     if experiment.needs_search:
         raise RequestError(f"{experiment.name}: {NEEDS_LADDER}")
-    region, runs = experiment.stability.region, experiment.runs()
-    orders = region.orders if region is not None else ()
-    total = len(runs) + len(orders) * len(distinct_regions(experiment.methods))
-    rows = []
-    with progress_bar(experiment.name, total, wanted=show_progress) as advance:
-        try:
-            for row in stability_rows(experiment, failed=crash_of):
-                rows.append(row)
-                advance(row.run.title)
-        except ValueError as error:
-            raise RequestError(str(error)) from None
-        maps = stability_maps(experiment, advance)
-    for row in rows:
-        if row.failure:
-            _logger.error("%s: %s", row.run.title, row.failure)
-    return StabilityTable(experiment=experiment, rows=tuple(rows), regions=maps)
+    if experiment.problem.scene is None:
+        raise RequestError(f"{experiment.name}: has no motion, and so no stability")
+    for method, n_steps in itertools.product(experiment.methods, experiment.steps):
+        of = (f"N = {n_steps}", f"{len(experiment.members)} members" * bool(experiment.members))
+        yield Task(
+            experiment=experiment.name,
+            action=f"predict {method.label}",
+            of=", ".join(filter(None, of)),
+            work=functools.partial(_rows, experiment, method, n_steps),
+        )
+    if (region := experiment.stability.region) is None:
+        return
+    for order in region.orders:
+        for method in distinct_regions(experiment.methods):
+            yield Task(
+                experiment=experiment.name,
+                action=f"region of {method.label}",
+                of=f"order {order:g}",
+                work=functools.partial(_maps, method, order, *map(np.array, region.axes)),
+            )
+
+
+def _rows(experiment: Experiment, method: AnyMethod, n_steps: int) -> Sequence[StabilityRow]:
+    runs = (
+        Run(experiment=experiment, method=method, n_steps=n_steps, member=member)
+        for member in experiment.members or (None,)
+    )
+    return [StabilityRow(run=run, prediction=prediction_of(run)) for run in runs]
+
+
+def _maps(
+    method: AnyMethod, order: float, stiffness: Array, damping: Array
+) -> Sequence[StabilityMap]:
+    return [stability_map(method, order, stiffness, damping)]

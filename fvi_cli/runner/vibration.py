@@ -1,20 +1,25 @@
-"""Modes and harmonic responses of the linear scenes of a request."""
+"""Modes and harmonic responses of the linear scenes of a configuration."""
 
 from __future__ import annotations
 
+import functools
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
+from fvi_cli.config import LoadedConfig
 from fvi_cli.config.names import names_along
 from fvi_cli.errors import RequestError
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.runner.request import Request, Source, Task, requested
+from fvi_cli.runner.progress import Task, carry_out
+from fvi_cli.runner.request import Source, load
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Subject
+from fvi_cli.studies.members import label_of
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.outputs import harmonic_outputs
 from fvi_cli.studies.vibration.response import (
@@ -29,46 +34,14 @@ _logger = logging.getLogger(__name__)
 
 USUAL_COUNT = 10
 MOST_FREQUENCIES = 100_000
-_FORM = "it must be FROM:TO:N[:log], such as 0.2:8:400"
-
-
-def linear_scenes(request: Request) -> Iterator[tuple[Subject, Problem]]:
-    """Every experiment or member of a request, with its linear scene.
-
-    Raises
-    ------
-    RequestError
-        If an experiment has no scene, or one that is not linear.
-    """
-    for experiment in request.loaded.experiments:
-        for member in experiment.members or (None,):
-            one = Subject(experiment=experiment, member=member)
-            problem = one.problem
-            if not isinstance(problem, Problem):
-                raise RequestError(f"{experiment.name}: has no motion, and so no modes")
-            if not problem.scene.is_linear:
-                raise RequestError(
-                    f"{experiment.name}: {problem.kind} is not linear; modes and harmonic "
-                    "responses need a linear scene"
-                )
-            yield one, problem
-
-
-def linear_tasks(request: Request, action: str) -> list[Task]:
-    """One task with the name `action` for every linear scene of a request."""
-    return [
-        Task(
-            experiment=one.experiment.name,
-            action=action,
-            of=f"{problem.scene.dimension} degrees of freedom"
-            + (f", {one.member.label}" if one.member else ""),
-        )
-        for one, problem in linear_scenes(request)
-    ]
 
 
 def modes(
-    source: Source, *, count: int | None = None, near: float | None = None
+    source: Source,
+    *,
+    count: int | None = None,
+    near: float | None = None,
+    progress: bool = False,
 ) -> list[ModeTable]:
     """Modes of every experiment of a configuration, as ``fvi modes`` computes them.
 
@@ -81,76 +54,61 @@ def modes(
     near
         Frequency (oscillations per unit of time) near which modes are computed; default: the
         lowest modes.
+    progress
+        As for :func:`run`.
 
     Raises
     ------
     RequestError
         For scenes that are not linear, and numbers out of range.
     """
+    config = load(source)
+    return carry_out(modes_tasks(config, count=count, near=near), config.name, progress=progress)
+
+
+def modes_tasks(
+    config: LoadedConfig, *, count: int | None = None, near: float | None = None
+) -> list[Task]:
+    """A task for every scene; raises :class:`RequestError` as :func:`modes` does."""
     if near is not None and not near > 0:
         raise RequestError(f"--near: {near:g} is not allowed; it must be positive")
-    tables = []
-    for one, problem in linear_scenes(requested(source)):
-        d = problem.scene.dimension
-        if count is not None and not 1 <= count <= d:
-            raise RequestError(
-                f"--count: {count} is not allowed; {one.experiment.name} has 1 to {d} modes"
-            )
-        try:
-            table = find_modes(problem.scene, count or USUAL_COUNT, near=near)
-        except ValueError as error:
-            raise RequestError(f"{one.name}: {error}") from None
-        if table.counted is None:
-            _logger.warning(
-                "%s: modes may be missing: they cannot be counted, one lies at the edge of the "
-                "region",
-                one.name,
-            )
-        elif not table.is_complete:
-            _logger.warning(
-                "%s: %d modes are found where the argument principle counts %d",
-                one.name,
-                table.inside,
-                table.counted,
-            )
-        tables.append(
-            replace(
-                table,
-                name=one.experiment.name,
-                of_member=one.member,
-                units=one.experiment.units,
-                coordinates=problem.coordinates or table.coordinates,
-            )
-        )
-    return tables
+    return [
+        _task("modes", one, functools.partial(_modes, one, count, near))
+        for one in _subjects(config)
+    ]
 
 
-def frequencies(text: str) -> Array:
-    """Frequencies of a text such as ``0.1:20:400:log``, in oscillations per unit of time.
-
-    Raises
-    ------
-    RequestError
-        For another form and numbers out of range.
-    """
-    parts = text.split(":")
-    is_log = len(parts) == 4 and parts[3] == "log"
-    if not (len(parts) == 3 or is_log):
-        raise RequestError(f"--frequency: {text!r} is not allowed; {_FORM}")
+def _modes(one: Subject, count: int | None, near: float | None) -> ModeTable:
+    problem = _linear(one)
+    d = problem.scene.dimension
+    if count is not None and not 1 <= count <= d:
+        raise RequestError(f"--count: {count} is not allowed; {one.name} has 1 to {d} modes")
     try:
-        low, high, number = float(parts[0]), float(parts[1]), int(parts[2])
-    except ValueError:
-        raise RequestError(f"--frequency: {text!r} is not allowed; {_FORM}") from None
-    if not (0 < low < high < math.inf and 3 <= number <= MOST_FREQUENCIES):
-        raise RequestError(
-            f"--frequency: {text!r} is not allowed; 0 < FROM < TO, and 3 to {MOST_FREQUENCIES} "
-            "frequencies"
+        table = find_modes(problem.scene, count or USUAL_COUNT, near=near)
+    except ValueError as error:
+        raise RequestError(f"{one.name}: {error}") from None
+    if table.counted is None:
+        _logger.warning(
+            "%s: modes may be missing: they cannot be counted, one lies at the edge of the region",
+            one.name,
         )
-    return np.geomspace(low, high, number) if is_log else np.linspace(low, high, number)
+    elif not table.is_complete:
+        _logger.warning(
+            "%s: %d modes are found where the argument principle counts %d",
+            one.name,
+            table.inside,
+            table.counted,
+        )
+    return replace(table, **_labels(one), coordinates=problem.coordinates or table.coordinates)
 
 
 def response(
-    source: Source, *, frequency: str, force: Sequence[str] = (), at: Sequence[str] = ()
+    source: Source,
+    *,
+    frequency: str,
+    force: Sequence[str] = (),
+    at: Sequence[str] = (),
+    progress: bool = False,
 ) -> list[ResponseTable]:
     """Steady responses of every experiment of a configuration, as ``fvi response`` computes them.
 
@@ -166,52 +124,114 @@ def response(
     at
         Outputs to report, linear expressions in the names that quantities may use (``ax5``,
         ``drift_1``, ``force_1``) or names of quantities; default: the coordinate that moves most.
+    progress
+        As for :func:`run`.
 
     Raises
     ------
     RequestError
         For scenes that are not linear, and coordinates that do not exist.
     """
+    config = load(source)
+    tasks = response_tasks(config, frequency=frequency, force=force, at=at)
+    return carry_out(tasks, config.name, progress=progress)
+
+
+def response_tasks(
+    config: LoadedConfig, *, frequency: str, force: Sequence[str] = (), at: Sequence[str] = ()
+) -> list[Task]:
+    """A task for every scene; raises :class:`RequestError` as :func:`response` does."""
     hertz = frequencies(frequency)
-    tables = []
-    for one, problem in linear_scenes(requested(source)):
-        name, scene, coordinates = one.experiment.name, problem.scene, problem.coordinates
-        wanted, specification = list(force), one.problem_specification
-        if not wanted and specification.get("ground_acceleration", "0") != "0":
-            wanted = [GROUND]
-        if not wanted:
-            raise RequestError(
-                f"{name}: say where forces act, for example --force x1, or --force {GROUND}"
-            )
-        direction = specification.get("ground_direction", 1.0)
-        option = "--force"
-        try:
-            loads = [harmonic_force(text, scene, coordinates, direction) for text in wanted]
-            option = "--at"
-            names = names_along(problem, problem.ready)
-            quantities = one.experiment.observations.quantities or {}
-            outputs = harmonic_outputs(at, names, problem, quantities) if at else None
-        except ValueError as error:
-            raise RequestError(f"{option}: {error}") from None
-        try:
-            table = harmonic_response(
-                scene,
-                sum(loads, np.zeros(1)),
-                hertz,
-                outputs=at or coordinates,
-                rows=None if outputs is None else outputs.forms,
-                offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(wanted),
-                load_words=", ".join(wanted),
-            )
-        except ValueError as error:
-            raise RequestError(f"{one.name}: {error}") from None
-        tables.append(
-            replace(
-                table,
-                name=name,
-                of_member=one.member,
-                units=one.experiment.units,
-                qualities=("displacement",) if outputs is None else outputs.qualities,
-            )
+    return [
+        _task("response", one, functools.partial(_response, one, hertz, force, at))
+        for one in _subjects(config)
+    ]
+
+
+def frequencies(text: str) -> Array:
+    """Frequencies of a text such as ``0.1:20:400:log``, in oscillations per unit of time.
+
+    Raises
+    ------
+    RequestError
+        For another form and numbers out of range.
+    """
+    space = np.geomspace if text.endswith(":log") else np.linspace
+    try:
+        low, high, number = text.removesuffix(":log").split(":")
+        ends, count = (float(low), float(high)), int(number)
+    except ValueError:
+        ends, count = (0.0, 0.0), 0
+    if not (0 < ends[0] < ends[1] < math.inf and 3 <= count <= MOST_FREQUENCIES):
+        raise RequestError(
+            f"--frequency: {text!r} is not allowed; it must be FROM:TO:N[:log], such as "
+            f"0.2:8:400, with 0 < FROM < TO and 3 to {MOST_FREQUENCIES} frequencies"
         )
-    return tables
+    return space(*ends, count)
+
+
+def _response(one: Subject, hertz: Array, force: Sequence[str], at: Sequence[str]) -> ResponseTable:
+    problem = _linear(one)
+    scene, coordinates = problem.scene, problem.coordinates
+    specification = one.problem_specification
+    if not force and specification.get("ground_acceleration", "0") != "0":
+        force = [GROUND]
+    if not force:
+        raise RequestError(
+            f"{one.name}: say where forces act, for example --force x1, or --force {GROUND}"
+        )
+    direction = specification.get("ground_direction", 1.0)
+    option = "--force"
+    try:
+        loads = [harmonic_force(text, scene, coordinates, direction) for text in force]
+        option = "--at"
+        names = names_along(problem, problem.ready)
+        quantities = one.experiment.observations.quantities or {}
+        outputs = harmonic_outputs(at, names, problem, quantities) if at else None
+        option = one.name
+        table = harmonic_response(
+            scene,
+            sum(loads, np.zeros(1)),
+            hertz,
+            outputs=at or coordinates,
+            rows=None if outputs is None else outputs.forms,
+            offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(force),
+            load_words=", ".join(force),
+        )
+    except ValueError as error:
+        raise RequestError(f"{option}: {error}") from None
+    qualities = ("displacement",) if outputs is None else outputs.qualities
+    return replace(table, **_labels(one), qualities=qualities)
+
+
+def _subjects(config: LoadedConfig) -> Iterator[Subject]:
+    """Every experiment or member."""
+    for experiment in config.experiments:
+        for member in experiment.members or (None,):
+            yield Subject(experiment=experiment, member=member)
+
+
+def _linear(one: Subject) -> Problem:
+    """The problem with its linear scene; RequestError where there is none."""
+    name, problem = one.experiment.name, one.problem
+    if not isinstance(problem, Problem):
+        raise RequestError(f"{name}: has no motion, and so no modes")
+    if not problem.scene.is_linear:
+        raise RequestError(
+            f"{name}: {problem.kind} is not linear; modes and harmonic responses need a linear "
+            "scene"
+        )
+    return problem
+
+
+def _task(action: str, one: Subject, work: Callable[[], Any]) -> Task:
+    of = (f"{_linear(one).scene.dimension} degrees of freedom", label_of(one.member))
+    return Task(
+        experiment=one.experiment.name, action=action, of=", ".join(filter(None, of)), work=work
+    )
+
+
+def _labels(one: Subject) -> dict[str, Any]:
+    """What a table of a scene is known by."""
+    experiment = one.experiment
+    return {"name": experiment.name, "of_member": one.member, "units": experiment.units}

@@ -6,7 +6,6 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -124,16 +123,7 @@ def reference_of(run: Run) -> Reference:
 
     For members of a sweep :func:`refined_references` checks the exact solutions.
     """
-    known = _STORED.get(run.experiment) if run.member is None else None
-    return known or _reference_of(run.experiment, run.member)
-
-
-_STORED: WeakKeyDictionary[Experiment, Reference] = WeakKeyDictionary()
-
-
-def remember(experiment: Experiment, reference: Reference) -> None:
-    """Take a stored reference for the runs of an experiment, which is then not computed again."""
-    _STORED[experiment] = reference
+    return _reference_of(run.experiment, run.member)
 
 
 @functools.lru_cache(maxsize=8)

@@ -9,7 +9,7 @@ from command_line import fvi as command
 from spread import spread
 
 from fvi_cli.config import shipped_configs
-from fvi_cli.runner.plan import plan
+from fvi_cli.runner.compute import plan
 
 DOCS = Path(__file__).parents[2] / "docs" / "reference" / "python.md"
 QUICK = ("bagley-torvik-1-2", "--set", "ladder.steps=[4, 8]")

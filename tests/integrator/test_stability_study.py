@@ -18,12 +18,8 @@ from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
 from fvi_cli.mathematics.zeros import count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
-from fvi_cli.studies.stability_study import (
-    StabilityTable,
-    distinct_regions,
-    stability_maps,
-    stability_rows,
-)
+from fvi_cli.runner.stability import stability
+from fvi_cli.studies.stability_study import distinct_regions
 
 GAUSS = Method(cq="gauss", degree=2)
 NODES = Method(cq="bdf6", degree=1, sampling="nodes")
@@ -175,10 +171,10 @@ stability:
 
 
 def test_a_ladder_and_its_regions():
-    (experiment,) = parse_config(STUDY, "quick.yaml").experiments
-    verdicts = [row.prediction.verdict for row in stability_rows(experiment)]
+    (table,) = stability(parse_config(STUDY, "quick.yaml"))
+    verdicts = [row.prediction.verdict for row in table.rows]
     assert verdicts == ["stable", "stable", "unstable", "unstable"]
-    maps = stability_maps(experiment)
+    maps = table.regions
     assert [(one.method.case.split("-")[0], one.order) for one in maps] == [
         ("bdf2", 0.5),
         ("bdf6", 0.5),
@@ -198,12 +194,10 @@ def test_methods_that_differ_in_start_have_one_region():
 
 
 def test_tables_hold_every_row():
-    (experiment,) = parse_config(STUDY, "quick.yaml").experiments
-    rows = tuple(stability_rows(experiment))
-    table = StabilityTable(experiment=experiment, rows=rows)
+    (table,) = stability(parse_config(STUDY, "quick.yaml"))
     texts = rendered(stability_report("quick", [table]))
     lines = texts["quick-stability.csv"].splitlines()
     assert lines[0] == ",".join(column.name for column in COLUMNS)
     assert len(lines) == 5
     found = csv.DictReader(lines)
-    assert [row["predicted"] for row in found] == [row.prediction.verdict for row in rows]
+    assert [row["predicted"] for row in found] == [row.prediction.verdict for row in table.rows]

@@ -11,7 +11,7 @@ from stored_runs import add, assert_same
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
-from fvi_cli.runner.plan import plan
+from fvi_cli.runner.compute import plan
 from fvi_cli.storage import Store, fields
 from fvi_cli.storage.fields import FIELDS, Field
 from fvi_cli.storage.hdf5 import opened

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.runner.plan import plan
+from fvi_cli.runner.compute import plan
 
 CONFIG = {
     "name": "seen",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
 from fvi_cli.studies.fits.model import MotionModel
-from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit, SeriesFit
+from fvi_cli.studies.fits.result import Estimate, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import Found, least_squares_from, search
 from fvi_cli.studies.fits.settings import FitModel, FitSettings
 from fvi_cli.studies.fits.statistics import (
@@ -36,17 +35,6 @@ LEAST_FREEDOM = 0.5
 MOST_BETTER = 3
 """How often a fit begins again because a profile found less misfit."""
 POINTS_OF_CURVES = 400
-
-
-def fit_models(
-    name: str, settings: FitSettings, *, log: Callable[[str], None] = lambda words: None
-) -> FitResult:
-    """Fit every model of an experiment to its data; where one fails, its result says why."""
-    models = []
-    for model in settings.models:
-        log(model.name or name)
-        models.append(fit_model(settings, model))
-    return FitResult(name=name, settings=settings, models=tuple(models))
 
 
 @in_one_thread

@@ -45,14 +45,14 @@ def load(folder: Path, text: str = TEXT) -> fvi.LoadedConfig:
 
 def test_a_check_in_json_prints_json_alone(folder, monkeypatch):
     load(folder)
-    fit, done = fitting.fit_models, {}
+    fit, done = fitting.fit_model, {}
 
-    def once(name, *given, **more):
-        if name not in done:
-            done[name] = fit(name, *given, **more)
-        return done[name]
+    def once(settings, model):
+        if model.name not in done:
+            done[model.name] = fit(settings, model)
+        return done[model.name]
 
-    monkeypatch.setattr(fitting, "fit_models", once)
+    monkeypatch.setattr(fitting, "fit_model", once)
     arguments = ["fit", str(folder / "decay.yaml"), "-o", str(folder / "out"), "--quiet"]
     assert here(*arguments).exit_code == 0
     table = folder / "out" / "tables" / "decay-fit.csv"
