@@ -85,7 +85,7 @@ def test_parts_are_found_and_folded_by_any_command(tmp_path, monkeypatch):
     assert "3 members" in fvi("show", path, code=0).stdout
     assert path.exists()
     assert not store.folder.exists()
-    assert "3 runs of one are missing" in fvi("quantities", path).stderr
+    assert "3 runs of one are not stored" in fvi("quantities", path).stderr
 
 
 def test_a_result_file_put_among_the_parts_is_folded(tmp_path, caplog):
