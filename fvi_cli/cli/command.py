@@ -53,7 +53,7 @@ class Call:
         """Read and check configurations, with the changes by options."""
         from fvi_cli.runner.request import gather
 
-        return gather(sources, self.overrides or (), output=self.output)
+        return gather(sources, self.overrides or ())
 
     def runs(
         self,

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import logging
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from fvi_cli.config.figures import wrong_figures
 from fvi_cli.config.fits.data import fit_settings
 from fvi_cli.config.machine import wrong_sizes
-from fvi_cli.config.members import Choice, Reading, make_members, resolved_members
+from fvi_cli.config.members import (
+    Reading,
+    make_members,
+    remark_on_factors,
+    resolved_members,
+)
 from fvi_cli.config.methods import methods_of
 from fvi_cli.config.models import LADDER, ExperimentKeys
 from fvi_cli.config.names import other_meanings, units_of, wrong_units
 from fvi_cli.config.observations import read_observations
-from fvi_cli.config.text.mistakes import Report
-from fvi_cli.effects.matrices import is_semidefinite
+from fvi_cli.config.text.mistakes import Report, wrong_argument
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.integrator.memory.damping import law_objection
 from fvi_cli.integrator.meshes.mesh import check_graded, misplaced_break_point
@@ -28,7 +29,6 @@ from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.scenes.keys.values import KeyPath, Wrong, plain
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
-from fvi_cli.scenes.structures.matrix_keys import MatrixFile
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
 
@@ -36,10 +36,6 @@ FEWEST_STAGES: Final = 2
 MOST_STAGES: Final = LARGEST_DEGREE - 2  # the second run has two more
 USUAL_STEPS: Final = 256
 """Least number of steps where a displacement is given and no ladder."""
-FORCE_LISTS: Final = ("damping", "dampers", "joints", "internal_damping", "law")
-"""Keys of damping forces."""
-
-_logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,7 +55,6 @@ def build_experiment(
     *,
     base: Mapping[str, Any],
     before: int,
-    check_members: bool = True,
 ) -> Built | None:
     """The experiment of its keys; None, with mistakes, where something is wrong.
 
@@ -85,20 +80,17 @@ def build_experiment(
     observed = read_observations(keys, problem, every, report)
     report.extend(wrong_units(keys, problem, observed))
     template = plain(keys.problem)
-    remarks = _Remarks(report)
-    remarks.first(keys.problem)
+    is_remarked = remark_on_factors(keys.problem, report)
     reading = Reading(
         keys=keys,
         values=base["problem"],
         template=template,
-        first=problem,
+        dimension=problem.dimension,
         context=context,
-        check=lambda own: _wrong_member(own, problem, every, steps, grading, observed),
-        remark=remarks.member,
-        is_built=check_members,
+        check=lambda kind: _wrong_member(kind, problem, every, steps, grading, observed),
     )
     is_right = keys.number and len(report) == before
-    members = make_members(reading, report) if is_right else ()
+    members = make_members(reading, report, is_remarked=is_remarked) if is_right else ()
     if not keys.number or members:
         figures = report.under("figures")
         figures.extend(wrong_figures(keys.figures, problem, observed, members))
@@ -321,7 +313,7 @@ def _wrong_diagnostics(keys: ExperimentKeys, problem: AnyProblem) -> Iterator[Wr
 
 
 def _wrong_member(
-    own: AnyProblem,
+    kind: Kind,
     first: AnyProblem,
     methods: Sequence[AnyMethod],
     steps: tuple[int, ...],
@@ -329,6 +321,15 @@ def _wrong_member(
     observed: Any,
 ) -> Iterator[Wrong]:
     """What is wrong with the problem of a member; members are stored at common times."""
+    try:
+        own = kind.build_problem()
+    except ValueError as error:
+        yield wrong_argument(error, "problem")
+        return
+    if own.dimension != first.dimension:
+        words = f"has {own.dimension} degrees of freedom, the first member {first.dimension}; "
+        yield Wrong(("problem",), f"{words}members must have the same number")
+        return
     are_shared = (
         own.scene is None
         or first.scene is None
@@ -339,54 +340,3 @@ def _wrong_member(
         if words := _objection(own, method):
             yield Wrong(("method",), words)
     yield from other_meanings(observed, first, own)
-
-
-class _Remarks:
-    """Remarks on negative damping factors, since a sign is easily wrong: once per experiment."""
-
-    def __init__(self, report: Report) -> None:
-        self.report, self.is_done = report, False
-
-    def first(self, kind: Kind) -> None:
-        """Remark on all factors of a problem."""
-        for path, words in negative_factors(kind):
-            self._say(("problem", *path), ("problem", *path), words)
-
-    def member(self, kind: Kind, choice: Choice) -> None:
-        """Remark on the first negative factor that a member sets."""
-        if self.is_done or not any(path.split(".")[1] in FORCE_LISTS for path in choice.places):
-            return
-        for path, words in negative_factors(kind):
-            key = ".".join(map(str, ("problem", *path)))
-            where = next((at for one, at in choice.places.items() if key.startswith(one)), None)
-            if where is not None:
-                self._say(("problem", *path), where, words)
-                return
-
-    def _say(self, path: KeyPath, where: KeyPath, words: str) -> None:
-        self.is_done = True
-        place = self.report.document.place((*self.report.prefix, *where))
-        shown = ".".join(map(str, path))
-        what = "such damping drives the motion, which grows"
-        _logger.warning("%s: %s: %s: %s", place, shown, words, what)
-
-
-def negative_factors(kind: Kind) -> Iterator[tuple[KeyPath, str]]:
-    """Damping factors that feed energy into some direction, with their key paths."""
-    for name in FORCE_LISTS:
-        given = vars(kind).get(name, [])
-        for index, term in enumerate(given if isinstance(given, list) else [given]):
-            for key in ("coefficient", "matrix"):
-                words = _explain_negative(vars(term).get(key))
-                if words:
-                    place = (name, index) if isinstance(given, list) else (name,)
-                    yield (*place, key), words
-
-
-def _explain_negative(factor: object) -> str:
-    if factor is None:
-        return ""
-    if isinstance(factor, float):
-        return f"{factor:g} is negative" if factor < 0 else ""
-    form = factor.form if isinstance(factor, MatrixFile) else np.array(factor)
-    return "" if is_semidefinite(form) else "the matrix has a negative eigenvalue"

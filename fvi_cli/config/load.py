@@ -55,12 +55,8 @@ class LoadedConfig:
     overrides: tuple[str, ...] = ()  # changes ``key.path=value`` of the command
 
 
-def load_config(
-    path: Path, *, overrides: Sequence[str] = (), check_members: bool = True
-) -> LoadedConfig:
+def load_config(path: Path, *, overrides: Sequence[str] = ()) -> LoadedConfig:
     """Read and check a configuration file (YAML in UTF-8) with changes ``key.path=value``.
-
-    `check_members`: the problem of every member of a sweep is built and checked.
 
     Raises
     ------
@@ -81,9 +77,7 @@ def load_config(
         line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
         words = f"not UTF-8 (byte 0x{content[error.start]:02x}); save the file as UTF-8"
         raise ConfigError(f"{Place(source, line, column)}: {words}") from None
-    return parse_config(
-        text, str(path), base=path.parent, overrides=overrides, check_members=check_members
-    )
+    return parse_config(text, str(path), base=path.parent, overrides=overrides)
 
 
 def parse_config(
@@ -92,7 +86,6 @@ def parse_config(
     *,
     base: Path | None = None,
     overrides: Sequence[str] = (),
-    check_members: bool = True,
 ) -> LoadedConfig:
     """Check the text of a configuration and build its experiments, as :func:`load_config` does.
 
@@ -103,7 +96,7 @@ def parse_config(
         document = read_document(text, excerpt(source_name, 1000))
     except MistakesError as error:
         raise ConfigError(*map(str, sorted(error.mistakes))) from None
-    return _loaded(document, text, source_name, base, overrides, check_members)
+    return _loaded(document, text, source_name, base, overrides)
 
 
 def load_values(
@@ -112,7 +105,6 @@ def load_values(
     *,
     base: Path | None = None,
     overrides: Sequence[str] = (),
-    check_members: bool = True,
 ) -> LoadedConfig:
     """Build the experiments of JSON values, as :func:`parse_config` does from a text.
 
@@ -120,7 +112,7 @@ def load_values(
     """
     text = json.dumps(values, indent=1)
     document = Document(excerpt(source_name, 1000), json.loads(text))
-    return _loaded(document, text, source_name, base, overrides, check_members)
+    return _loaded(document, text, source_name, base, overrides)
 
 
 def _loaded(
@@ -129,7 +121,6 @@ def _loaded(
     source_name: str,
     base: Path | None,
     overrides: Sequence[str],
-    check_members: bool,
 ) -> LoadedConfig:
     report = Report(document)
     report.found += apply_overrides(document, overrides)
@@ -156,7 +147,7 @@ def _loaded(
         first = names.setdefault(str(own).lower(), number)
         if first != number and own:
             under.add(f"{own!r} is the name of experiments.{first} already", "name")
-        built.append(_read(values, str(own), under, context, check_members=check_members))
+        built.append(_read(values, str(own), under, context))
     if len(report) or None in built:
         raise report.error()
     found = [one for one in built if one is not None]
@@ -203,8 +194,6 @@ def _read(
     name: str,
     report: Report,
     context: Mapping[str, Any],
-    *,
-    check_members: bool,
 ) -> Built | None:
     """The experiment of a mapping; mistakes inside of keys are told with those between keys."""
     before, base = len(report), values
@@ -233,7 +222,6 @@ def _read(
         context,
         base=base,
         before=before,
-        check_members=check_members,
     )
 
 

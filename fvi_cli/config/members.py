@@ -5,20 +5,22 @@ from __future__ import annotations
 import itertools
 import json
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
 from pydantic import ValidationError
 
 from fvi_cli.config.models import MemberKeys
 from fvi_cli.config.text.mistakes import Report
-from fvi_cli.errors import ArgumentError, excerpt
+from fvi_cli.effects.matrices import is_semidefinite
+from fvi_cli.errors import excerpt
 from fvi_cli.scenes.keys.mistakes import mistakes_of
 from fvi_cli.scenes.keys.values import KeyPath, Range, Wrong, plain
 from fvi_cli.scenes.kinds.kind import Kind
-from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import OnlyProblem
+from fvi_cli.scenes.structures.matrix_keys import MatrixFile
 from fvi_cli.studies.members import (
     Member,
     leads_somewhere,
@@ -29,11 +31,12 @@ from fvi_cli.studies.members import (
 
 MOST_TOLD: Final = 10
 """Most members whose mistakes are told; other members are likely to have the same mistakes."""
-MANY: Final = 5000
-"""From so many members on the check takes long and is announced."""
+MOST_READ: Final = 1000
+"""Of more members that differ in numbers alone so many at equal distances are read and built."""
+FORCE_LISTS: Final = ("damping", "dampers", "joints", "internal_damping", "law")
+"""Keys of damping forces."""
 
 _logger = logging.getLogger(__name__)
-Check = Callable[[AnyProblem], Iterable[Wrong]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,52 +111,80 @@ class Reading:
     keys: MemberKeys
     values: Mapping[str, Any]  # the plain mapping of the problem
     template: Mapping[str, Any]  # the resolved mapping of the first member
-    first: AnyProblem
+    dimension: int
     context: Mapping[str, Any]  # of validations
-    check: Check  # what is wrong with the problem of a member
-    remark: Callable[[Kind, Choice], None]  # what is remarked on
-    is_built: bool = True  # False: they were built and checked before
+    check: Callable[[Kind], Iterator[Wrong]]  # what is wrong with the problem of a member
 
 
-def make_members(reading: Reading, report: Report) -> tuple[Member, ...]:
+def make_members(reading: Reading, report: Report, *, is_remarked: bool) -> tuple[Member, ...]:
     """The members of an experiment, with the mistakes of those that are wrong."""
-    keys, template = reading.keys, dict(reading.template)
-    text, members, told = json.dumps(template), [], 0
-    paths = [*keys.changed, *(keys.sweep[0] if isinstance(keys.sweep, list) else keys.swept)]
-    if keys.number >= MANY and reading.is_built:
-        _logger.info("checking %d members of a sweep", keys.number)
+    keys, text = reading.keys, json.dumps(dict(reading.template))
+    members, told, chosen = list[Member](), 0, _chosen(reading)
     for number, choice in enumerate(choices(keys)):
-        found = _read(choice, reading)
-        wrong = found
-        if isinstance(found, Kind):
-            resolved = plain(found)
-            values = {
-                path: value_at(resolved, path) if leads_somewhere(resolved, path) else None
-                for path in paths
-            }
-            wrong = list(_built(found, reading)) if reading.is_built else []
-            wrong = wrong or list(_others_changed(values, resolved, choice, reading))
-            reading.remark(found, choice)
-            members.append(
-                Member(
-                    number=number,
-                    values=values,
-                    template=text,
-                    dimension=reading.first.dimension,
-                    name=choice.name,
-                    named=keys.changed,
-                )
+        values: Mapping[str, Any] = choice.changes
+        if number in chosen:
+            values, kind, wrong = _read(choice, reading)
+            if kind is not None and not is_remarked:
+                is_remarked = remark_on_factors(kind, report, choice)
+            if wrong:
+                place_changes(choice, report)
+                report.extend(wrong, f" (member {number}: {excerpt(choice.label, 200)})")
+                told += 1
+            if told == MOST_TOLD:
+                words = f"only the first {MOST_TOLD} are told; fix these and run again"
+                report.add(words, "sweep" if keys.sweep is not None else "designs")
+                break
+        members.append(
+            Member(
+                number=number,
+                values=values,
+                template=text,
+                dimension=reading.dimension,
+                name=choice.name,
+                named=keys.changed,
             )
-        if isinstance(wrong, list) and wrong:
-            place_changes(choice, report)
-            report.extend(wrong, f" (member {number}: {excerpt(choice.label, 200)})")
-            told += 1
-        if told == MOST_TOLD:
-            words = f"only the first {MOST_TOLD} are told; fix these and run again"
-            report.add(words, "sweep" if keys.sweep is not None else "designs")
-            break
+        )
     report.extend(_repeated(members))
     return tuple(members)
+
+
+def _chosen(reading: Reading) -> Container[int]:
+    """The numbers of the members that are read: all, or some with the extremes of every key."""
+    count, rows = reading.keys.number, list(choices(reading.keys))
+    paths = rows[0].changes
+    is_alike = not reading.keys.designs and all(
+        type(one) is float for row in rows for one in row.changes.values()
+    )
+    leaves = [value_at(reading.template, path) for path in paths] if is_alike else []
+    if count <= MOST_READ or not is_alike or not all(type(one) is float for one in leaves):
+        return range(count)
+    chosen = {round(one) for one in np.linspace(0, count - 1, MOST_READ).tolist()}
+    for path in paths:
+        values = [row.changes[path] for row in rows]
+        chosen |= {values.index(min(values)), values.index(max(values))}
+    return chosen
+
+
+def _read(choice: Choice, reading: Reading) -> tuple[Mapping[str, Any], Kind | None, list[Wrong]]:
+    """The resolved values of a member, its keys, and what is wrong with it."""
+    values: dict[str, Any] = {}
+    try:
+        values = {"problem": with_values(reading.values, choice.changes)}
+        kind = OnlyProblem.model_validate(values, context=reading.context).problem
+    except LookupError as error:
+        return {}, None, [Wrong(choice.key_place, str(error), of_key=True)]
+    except ValidationError as error:
+        return {}, None, list(mistakes_of(error, values, OnlyProblem))
+    resolved, keys = plain(kind), reading.keys
+    found = {
+        path: value_at(resolved, path) if leads_somewhere(resolved, path) else None
+        for path in (
+            *keys.changed,
+            *(keys.sweep[0] if isinstance(keys.sweep, list) else keys.swept),
+        )
+    }
+    wrong = list(reading.check(kind))
+    return found, kind, wrong or list(_others_changed(found, resolved, choice, reading))
 
 
 def _others_changed(
@@ -170,34 +201,34 @@ def _others_changed(
         yield Wrong(place, f"{', '.join(values)}: {error}; {words}", of_key=True)
 
 
-def _read(choice: Choice, reading: Reading) -> Kind | list[Wrong]:
-    """The keys of a member's problem, or what is wrong with them."""
-    values: dict[str, Any] = {}
-    try:
-        values = {"problem": with_values(reading.values, choice.changes)}
-        return OnlyProblem.model_validate(values, context=reading.context).problem
-    except LookupError as error:
-        return [Wrong(choice.key_place, str(error), of_key=True)]
-    except ValidationError as error:
-        return list(mistakes_of(error, values, OnlyProblem))
+def remark_on_factors(kind: Kind, report: Report, choice: Choice | None = None) -> bool:
+    """Remark on negative damping factors, since a sign is easily wrong; whether there are any."""
+    found = list(_negative_factors(kind))
+    if found and choice is not None:
+        place_changes(choice, report)
+    for path, words in found:
+        place = report.document.place((*report.prefix, "problem", *path))
+        shown = ".".join(map(str, ("problem", *path)))
+        what = "such damping drives the motion, which grows"
+        _logger.warning("%s: %s: %s: %s", place, shown, words, what)
+    return bool(found)
 
 
-def _built(kind: Kind, reading: Reading) -> Iterator[Wrong]:
-    """What is wrong with the problem of a member."""
-    try:
-        problem = kind.build_problem()
-    except ArgumentError as error:
-        inner = (int(part) if part.isdecimal() else part for part in error.path)
-        yield Wrong(("problem", *inner), error.message, of_key=error.at_key)
-    except ValueError as error:
-        yield Wrong(("problem",), str(error))
-    else:
-        if problem.dimension != reading.first.dimension:
-            words = f"has {problem.dimension} degrees of freedom, the first member "
-            words += f"{reading.first.dimension}; members must have the same number"
-            yield Wrong(("problem",), words)
-        else:
-            yield from reading.check(problem)
+def _negative_factors(kind: Kind) -> Iterator[tuple[KeyPath, str]]:
+    """Damping factors that feed energy into some direction, with their key paths."""
+    for name in FORCE_LISTS:
+        given = vars(kind).get(name, [])
+        for index, term in enumerate(given if isinstance(given, list) else [given]):
+            place: KeyPath = (name, index) if isinstance(given, list) else (name,)
+            for key in ("coefficient", "matrix"):
+                factor = vars(term).get(key)
+                if isinstance(factor, float):
+                    if factor < 0:
+                        yield (*place, key), f"{factor:g} is negative"
+                elif factor is not None:
+                    form = factor.form if isinstance(factor, MatrixFile) else np.array(factor)
+                    if not is_semidefinite(form):
+                        yield (*place, key), "the matrix has a negative eigenvalue"
 
 
 def _repeated(members: Iterable[Member]) -> Iterator[Wrong]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.config import LoadedConfig, find_config, load_config, load_values
-from fvi_cli.errors import ConfigError, RequestError
+from fvi_cli.errors import RequestError
 
 STORED_SUFFIX = ".h5"
 
@@ -19,9 +18,7 @@ Source = str | Path | Mapping[str, Any] | LoadedConfig
 """What a call of the package is given in place of a configuration."""
 
 
-def gather(
-    sources: Sequence[str], overrides: Sequence[str] = (), *, output: Path | None = None
-) -> list[LoadedConfig]:
+def gather(sources: Sequence[str], overrides: Sequence[str] = ()) -> list[LoadedConfig]:
     """Read configurations given as files, as names of shipped ones, or as result files.
 
     Raises
@@ -36,7 +33,7 @@ def gather(
     mistakes: list[str] = []
     for source in sources:
         try:
-            configs.append(load(source, overrides=overrides, output=output))
+            configs.append(load(source, overrides=overrides))
         except RequestError as error:
             mistakes.extend(error.complaints)
     if mistakes:
@@ -47,9 +44,7 @@ def gather(
     return configs
 
 
-def load(
-    source: Source, *, overrides: Sequence[str] = (), output: Path | None = None
-) -> LoadedConfig:
+def load(source: Source, *, overrides: Sequence[str] = ()) -> LoadedConfig:
     """Read and check a configuration.
 
     Parameters
@@ -60,9 +55,6 @@ def load(
         numbers in it stand for lists and numbers.
     overrides
         Changes ``key.path=value`` as of ``--set``, validated like the rest.
-    output
-        Folder of ``<name>.h5``: members of a configuration that is stored there are not checked
-        again.
 
     Raises
     ------
@@ -82,13 +74,7 @@ def load(
         return load_values(values, str(source.get("name", "mapping")), overrides=overrides)
     if str(source).endswith(STORED_SUFFIX):
         return _stored(Path(source), overrides)
-    path = find_config(str(source))
-    # mistakes are reported below, with those of members
-    with contextlib.suppress(ConfigError):
-        loaded = load_config(path, overrides=overrides, check_members=False)
-        if not any(one.members for one in loaded.experiments) or _was_checked(loaded, output):
-            return loaded
-    return load_config(path, overrides=overrides)
+    return load_config(find_config(str(source)), overrides=overrides)
 
 
 def _stored(path: Path, overrides: Sequence[str]) -> LoadedConfig:
@@ -100,22 +86,7 @@ def _stored(path: Path, overrides: Sequence[str]) -> LoadedConfig:
     (first, *others) = values["experiments"]
     # a single experiment stands without a list, as people write it
     is_single = not others and first["name"] == values["name"]
-    return load_values(
-        first if is_single else values,
-        str(path),
-        overrides=overrides,
-        check_members=bool(overrides),
-    )
-
-
-def _was_checked(loaded: LoadedConfig, output: Path | None) -> bool:
-    """Whether the result file of a configuration was made for it."""
-    path = file_of(loaded, output)
-    if path is None or not path.exists():
-        return False
-    from fvi_cli.storage import has_configuration
-
-    return has_configuration(path, loaded.text, loaded.resolved, loaded.overrides)
+    return load_values(first if is_single else values, str(path), overrides=overrides)
 
 
 def is_stored(config: LoadedConfig) -> bool:

@@ -9,14 +9,13 @@ references of errors below ``/@references/``, numbers of input files below ``/@i
 """
 
 from fvi_cli.storage.contents import StoredFile, StoredRun, list_runs, read_configuration
-from fvi_cli.storage.store import Store, StoredConfiguration, has_configuration
+from fvi_cli.storage.store import Store, StoredConfiguration
 
 __all__ = [
     "Store",
     "StoredConfiguration",
     "StoredFile",
     "StoredRun",
-    "has_configuration",
     "list_runs",
     "read_configuration",
 ]

@@ -31,7 +31,6 @@ from fvi_cli.storage.identity import identity_of, reference_identity_of
 from fvi_cli.storage.parts import (
     CONFIGURATION,
     INPUTS,
-    configuration_digest,
     configuration_part_of,
     texts_in,
 )
@@ -344,15 +343,6 @@ def _identities(group: h5py.Group) -> list[str]:
         return [one.decode() for one in group["identity"][()].tolist()]
     value = group.attrs["identity"]
     return [value.decode() if isinstance(value, bytes) else str(value)]
-
-
-def has_configuration(
-    path: Path, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]
-) -> bool:
-    """Whether a result file was made for a configuration."""
-    with contextlib.suppress(StorageError):
-        return _digest_of(path) == configuration_digest(text, resolved, overrides)
-    return False
 
 
 def _digest_of(path: Path) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
+from fvi_cli.errors import RequestError
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.scenes.registry import build_problem
 
@@ -103,7 +104,11 @@ def _most_together(dimension: int) -> int:
 
 
 def _build(member: Member) -> AnyProblem:
-    return build_problem(member.specification)
+    try:
+        return build_problem(member.specification)
+    except ValueError as error:
+        # of many members only some are read beforehand
+        raise RequestError(f"member {member.number} ({member.label}): {error}") from None
 
 
 _BUILT: Mapping[int, Callable[[Member], AnyProblem]] = {

@@ -45,14 +45,9 @@ class Report:
             path, message = (*self.prefix, *one.path), one.message + addition
             self.found.append(self.document.placed(one._replace(path=path, message=message)))
 
-    def argument(self, error: ValueError, *path: str | int, addition: str = "") -> None:
+    def argument(self, error: ValueError, *path: str | int) -> None:
         """The error of a function at the key path that it names."""
-        if isinstance(error, ArgumentError):
-            inner = (int(part) if part.isdecimal() else part for part in error.path)
-            one = Wrong((*path, *inner), error.message, of_key=error.at_key)
-        else:
-            one = Wrong(path, str(error))
-        self.extend([one], addition)
+        self.extend([wrong_argument(error, *path)])
 
     def validation(self, error: ValidationError, value: Any, model: type[BaseModel]) -> None:
         """What pydantic found wrong with a value."""
@@ -67,3 +62,11 @@ class Report:
         if len(lines) > MOST_TOLD:
             lines = [*lines[:MOST_TOLD], f"... and {len(lines) - MOST_TOLD} more"]
         return ConfigError(*lines)
+
+
+def wrong_argument(error: ValueError, *path: str | int) -> Wrong:
+    """The error of a function, at the key path that it names below another one."""
+    if not isinstance(error, ArgumentError):
+        return Wrong(path, str(error))
+    inner = (int(part) if part.isdecimal() else part for part in error.path)
+    return Wrong((*path, *inner), error.message, of_key=error.at_key)
