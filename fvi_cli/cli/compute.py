@@ -90,10 +90,10 @@ def plot(call: Call, sources: UsualSources = None) -> int:
 
     def show(config: LoadedConfig, outcomes: list[Outcome]) -> None:
         found = studies(outcomes)
-        drawn = plotting.figures_for(found, name=config.name)
+        drawn, reasons = plotting.draw_figures(found, name=config.name)
         if not sources and config.name == FIGURES[0]:
             drawn = {"interpolation": plotting.interpolation_figure(), **drawn}
-        for line in plotting.left_out(found):
+        for line in reasons:
             _logger.warning("%s", line)
         call.wrote(write_figures(drawn, call.output, formats=call.formats or ()))
 

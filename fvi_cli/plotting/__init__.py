@@ -2,8 +2,7 @@
 
 from fvi_cli.plotting.kinds.convergence import Study, convergence_figure
 from fvi_cli.plotting.kinds.interpolation import interpolation_figure
-from fvi_cli.plotting.kinds.saturation import saturation_figure
-from fvi_cli.plotting.planner import figure_kinds, figures_for, left_out
+from fvi_cli.plotting.planner import draw_figures
 from fvi_cli.plotting.save import FORMATS, save_figure
 from fvi_cli.plotting.style import styled
 
@@ -11,11 +10,8 @@ __all__ = [
     "FORMATS",
     "Study",
     "convergence_figure",
-    "figure_kinds",
-    "figures_for",
+    "draw_figures",
     "interpolation_figure",
-    "left_out",
-    "saturation_figure",
     "save_figure",
     "styled",
 ]

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from fvi_cli.plotting.draw import SMALL, draw_bands, properties_of, scale_log
+from fvi_cli.plotting.draw import SMALL, draw_curves, properties_of, scale_log
 from fvi_cli.plotting.panels import Curve, Panel
 from fvi_cli.plotting.style import GREY, STRIP
 from fvi_cli.plotting.words import fraction_in_words
@@ -23,18 +23,12 @@ def ladder(axes: Axes, panel: Panel) -> None:
     """Marked lines over two logarithmic axes: every run is a marker on the line of its method."""
     axes.set(xscale="log", yscale="log")
     axes.set_box_aspect(_BOX)
+    axes.margins(0.05)
     axes.grid(visible=True)
-    for curve, look in zip(panel.curves, properties_of(panel.curves), strict=True):
-        draw_bands(axes, curve, look["color"])
-        axes.plot(curve.x, curve.y, label=curve.label, **look)
-    steps = np.concatenate([[*curve.x, *curve.lost] for curve in panel.curves])
-    low, high = steps.min(), steps.max()
-    margin = (high / low) ** 0.05 if high > low else 2.0
-    axes.set_xlim(low / margin, high * margin)
-    errors = np.concatenate([curve.y for curve in panel.curves])
-    errors = errors[np.isfinite(errors) & (errors > 0)]
-    if errors.size and errors.max() < 10 * errors.min():
-        axes.set_ylim(errors.min() / 4, errors.max() * 4)
+    draw_curves(axes, panel.curves)
+    for curve in panel.curves:
+        axes.update_datalim([(h, np.nan) for h in curve.lost], updatey=False)
+    axes.autoscale_view()
 
 
 def finish_ladders(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
@@ -45,14 +39,12 @@ def finish_ladders(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
     for one in axes:
         low, high = np.log10(one.get_ylim())
         raised[one] = (10**low, 10 ** (high + share / (1 - share) * (high - low)))
-    for one, limits in raised.items():
-        one.set_ylim(limits)
     for one, panel in zip(axes, panels, strict=True):
-        scale_log(one.xaxis, *one.get_xlim())
-        scale_log(one.yaxis, *one.get_ylim())
+        one.set_ylim(raised[one])
+        scale_log(one)
         if losers:
             _draw_lost(one, panel.curves, losers, share)
-        bottom = one.get_ylim()[0]
+        bottom = raised[one][0]
         if panel.floor > bottom:
             one.axhspan(bottom, panel.floor, color=STRIP, zorder=0, linewidth=0)
             words = one.text(0.985, panel.floor, "floor", transform=one.get_yaxis_transform())
@@ -92,11 +84,6 @@ def _draw_fan(axes: Axes, panel: Panel) -> None:
         (line,) = axes.plot(*zip(corner, end, strict=True), transform=axes.transAxes)
         line.set(color=GREY, linewidth=0.8, zorder=1, linestyle="--" if source else "-")
         words = "$h$" if order == 1 else f"$h^{{{fraction_in_words(order)}}}$"
-        note = axes.annotate(
-            f"{words} {source}".rstrip(),
-            tuple(end),
-            tuple(2.5 * ray),
-            xycoords="axes fraction",
-            textcoords="offset points",
-        )
+        note = axes.annotate(f"{words} {source}".rstrip(), tuple(end), tuple(2.5 * ray))
         note.set(color=GREY, fontsize=SMALL, va="center", ha="left")
+        note.xycoords, note.anncoords = "axes fraction", "offset points"

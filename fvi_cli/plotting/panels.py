@@ -7,7 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from fvi_cli.mathematics.arrays import Array, Integers
-from fvi_cli.plotting.looks import Look
+from fvi_cli.plotting.style import Look
+
+
+class NothingToDraw(Exception):  # noqa: N818 - no error: the reason why a figure is left out
+    """There is nothing to draw, for the given reason."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -21,7 +25,6 @@ class Curve:
     by: float = math.nan  # a number that a colour bar shows in place of the label
     bands: Sequence[tuple[str, Array, Array]] = ()  # (name, lower, upper edge) of regions
     marks: Sequence[tuple[float, float, str]] = ()  # points that stand out, with a word or number
-    spans: Sequence[tuple[float, float, float]] = ()  # (from, to, height) of horizontal bars
     lost: Sequence[float] = ()  # abscissas of runs without a value
 
 
@@ -42,7 +45,6 @@ class Panel:
     ylim: tuple[float | None, float | None] | None = None
     is_equal: bool = False  # whether both axes have the same scale
     unit: str = ""  # of the curves of a waterfall
-    is_numbered: bool = False  # whether the ordinate of a waterfall has whole numbers
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -55,7 +57,6 @@ class Cells:
     columns: Sequence[str] = ()
     texts: Sequence[Sequence[str]] = ()  # numbers in the cells
     plane: tuple[Array, Array] | None = None  # abscissas and ordinates, on logarithmic axes
-    note: str = ""  # in a corner of the plane
     x: str = ""
     y: str = ""
     title: str = ""

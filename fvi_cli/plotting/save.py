@@ -22,16 +22,14 @@ _NO_METADATA: Mapping[str, dict[str, str | None]] = {
     "png": {"Software": None},
     "svg": {"Date": None, "Creator": None},
 }
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]*")
 
 
 def save_figure(
     figure: Figure, directory: Path, name: str, formats: Sequence[str] = FORMATS[:1]
 ) -> list[Path]:
-    """Write pictures into `directory`, which is created.
+    """Write pictures into `directory`, which is created, each complete or not at all.
 
-    The files contain no date and no version, so that equal figures give equal bytes. Every file is
-    complete or does not appear: all are rendered before the first one is moved to its place.
+    The files contain no date and no version, so that equal figures give equal bytes.
 
     Raises
     ------
@@ -40,20 +38,16 @@ def save_figure(
     RequestError
         For an unknown format.
     """
-    if not _NAME.fullmatch(name):
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
         raise ValueError(f"name: {name!r} is not allowed; use letters, digits, - and _")
+    directory.mkdir(parents=True, exist_ok=True)
+    paths = []
     for kind in formats:
         if kind not in FORMATS:
             raise RequestError(f"format: {kind!r} is not one of {', '.join(FORMATS)}")
-    contents = {directory / f"{name}.{kind}": _rendered(figure, kind) for kind in formats}
-    directory.mkdir(parents=True, exist_ok=True)
-    for path, content in contents.items():
-        replace_file(path, content)
-    return list(contents)
-
-
-def _rendered(figure: Figure, kind: str) -> bytes:
-    buffer = io.BytesIO()
-    with journal_style():
-        figure.savefig(buffer, format=kind, metadata=_NO_METADATA.get(kind))
-    return buffer.getvalue()
+        picture = io.BytesIO()
+        with journal_style():
+            figure.savefig(picture, format=kind, metadata=_NO_METADATA.get(kind))
+        paths.append(directory / f"{name}.{kind}")
+        replace_file(paths[-1], picture.getvalue())
+    return paths

@@ -1,21 +1,37 @@
-"""The style of figures: the packaged sheet, a user's own style, and its colours."""
+"""The style of figures: the packaged sheet, a user's own style, and the looks of curves."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from matplotlib import style
 
 from fvi_cli.errors import RequestError
+from fvi_cli.integrator.method import BASELINE_NAMES, AnyMethod, Baseline
 
 SHEET = Path(__file__).with_name("fvi.mplstyle")
 INK, GREY, PALE, STRIP = "#222222", "#777777", "#c9c9c9", "#f1f1f1"
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+LineStyle = str | tuple[float, Sequence[float]]
 
 _own: ContextVar[str | None] = ContextVar("a style of matplotlib", default=None)
+# colours get darker with the order or the number of stages: BDF cold, Gauss warm; in the BDF ramp
+# the least CIE distance is 25, and 18, 14, 12 for deutan, protan and tritan readers
+_RAMPS: Mapping[str, Sequence[str]] = {
+    "bdf": ("#4FB36B", "#3A9BDC", "#1A2F75", "#7A3FA0", "#D9609F", "#2A0A38"),
+    "gauss": ("#F5B94A", "#E8762D", "#C8321F", "#86123A", "#4A0A2C", "#9C7A6B"),
+    "lobatto-iiic": ("#B5BD62", "#8A9436", "#636B14", "#3E4400"),
+}
+_MARKERS = "os^DvPX<>p"
+_BASELINES = (("x", "#9a9a9a"), ("+", "#6e6e6e"), ("d", "#8a8a8a"), ("p", "#4a4a4a"))
+_DASHES: Sequence[LineStyle] = ("-", (0, (4, 1.6)), (0, (6, 1.4, 1, 1.4)), (0, (1, 1.2)))
 
 
 @contextmanager
@@ -48,3 +64,84 @@ def styled(name: str) -> Iterator[None]:
         yield
     finally:
         _own.reset(token)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Look:
+    """Colour, marker and dashes of a curve; width and size come from its place in the panel."""
+
+    colour: str
+    marker: str = ""
+    dashes: LineStyle = "-"
+    width: float | None = None  # points; 0: no line
+    size: float | None = None
+
+    def properties(self, width: float, size: float) -> dict[str, Any]:
+        """Keyword arguments of a line; `width` and `size` where the look has none of its own."""
+        is_open = self.marker in ("x", "+", "|")
+        size = size if self.size is None else self.size
+        return {
+            "color": self.colour,
+            "linestyle": "none" if self.width == 0 else self.dashes,
+            "linewidth": width if self.width is None else self.width,
+            "marker": self.marker,
+            "markersize": size,
+            "markeredgecolor": self.colour if is_open else "white",
+            "markeredgewidth": 0.9 if is_open else 0.5 if size > 3 else 0.0,
+        }
+
+
+EXACT = Look(colour=PALE, width=3.2)
+BLACK = Look(colour=INK)
+
+
+def cycled(index: int) -> Look:
+    """The look of the curve number `index` of a panel where curves have none of their own."""
+    dashes = _DASHES[index // len(COLOURS) % len(_DASHES)]
+    return Look(colour=COLOURS[index % len(COLOURS)], dashes=dashes)
+
+
+def dots(colour: str, size: float) -> Look:
+    """Points without a line."""
+    return Look(colour=colour, marker="o", width=0, size=size)
+
+
+def method_names(methods: Sequence[AnyMethod]) -> dict[str, str]:
+    """Names by case: the family where no other of these methods is of the same, else the label."""
+    distinct = {method.case: method for method in methods}
+    counts = Counter(method.family for method in distinct.values())
+    return {
+        case: re.sub(r"t\^([\d.]+)", r"$t^{\1}$", method.label)
+        if counts[method.family] > 1
+        else method.family
+        for case, method in distinct.items()
+    }
+
+
+def method_looks(methods: Sequence[AnyMethod]) -> dict[str, Look]:
+    """The look of every method by its case, the same in every figure.
+
+    Colour and marker belong to the family and its order or stages; methods that differ otherwise
+    have dashes. Where all methods are of one family, each has a colour of its own.
+    """
+    distinct = {method.case: method for method in methods}
+    seen: Counter[str] = Counter()
+    looks = {}
+    for case, method in distinct.items():
+        # greys are alike: baselines differ by their dashes
+        is_grey = isinstance(method, Baseline)
+        place = BASELINE_NAMES.index(case) if is_grey else seen[method.family]
+        looks[case] = replace(_look(method), dashes=_DASHES[place % len(_DASHES)])
+        seen[method.family] += 1
+    if len(seen) == 1 < len(looks):
+        return {case: replace(cycled(k), marker=_MARKERS[k % 10]) for k, case in enumerate(looks)}
+    return looks
+
+
+def _look(method: AnyMethod) -> Look:
+    if isinstance(method, Baseline):
+        marker, colour = _BASELINES[BASELINE_NAMES.index(method.name)]
+        return Look(colour=colour, marker=marker)
+    ramp = _RAMPS.get(method.cq, _RAMPS["bdf"])
+    index = method.degree - 1 if method.is_runge_kutta else method.bdf_order - 1
+    return Look(colour=ramp[min(index, len(ramp) - 1)], marker=_MARKERS[min(index, 9)])

@@ -101,9 +101,9 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
         )
     title = name or _only_name(found)
     if kind is Outcome:
-        from fvi_cli.plotting import figures_for
+        from fvi_cli.plotting import draw_figures
 
-        return figures_for(studies(found), name=title)
+        return draw_figures(studies(found), name=title)[0]
     module, _, function = DRAWINGS[kind].partition(".")
     draw = getattr(importlib.import_module(f"fvi_cli.plotting.kinds.{module}"), function)
     return dict(draw(title, found))

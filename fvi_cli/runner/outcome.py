@@ -45,15 +45,15 @@ class Outcome:
             For a figure that does not exist.
         """
         from fvi_cli.config.figures import one_figure
-        from fvi_cli.plotting import figures_for, left_out
+        from fvi_cli.plotting import draw_figures
 
         experiment = self.experiment
         if figure is not None:
             experiment = replace(experiment, figures=(one_figure(figure, experiment),))
-        study = (experiment, self.finished)
-        for drawn in figures_for([study], name=experiment.name).values():
-            return drawn
-        raise RequestError(*(left_out([study]) or [f"{experiment.name}: no figure to draw"]))
+        drawn, reasons = draw_figures([(experiment, self.finished)], name=experiment.name)
+        for one in drawn.values():
+            return one
+        raise RequestError(*(reasons or [f"{experiment.name}: no figure to draw"]))
 
     def to_dataframe(self, what: Literal["runs", "motions", "events"] = "runs") -> Any:
         """A pandas DataFrame.

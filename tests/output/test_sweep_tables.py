@@ -10,7 +10,7 @@ import pytest
 from command_line import MANY
 
 from fvi_cli.config import parse_config
-from fvi_cli.plotting import figures_for, left_out
+from fvi_cli.plotting import draw_figures
 from fvi_cli.render.runs import runs_as_text
 from fvi_cli.reports import compare, rendered, write
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
@@ -168,9 +168,9 @@ def test_a_line_tells_the_median_and_the_largest_error_and_where_it_is(two_keys)
 def test_figures_have_names_for_a_few_members_and_the_mean_of_many(study, request):
     experiment, finished = request.getfixturevalue(study)
     experiment = dataclasses.replace(experiment, figures=("convergence", "trajectory", "energy"))
-    figures = figures_for([(experiment, finished)], name="many")
+    figures, reasons = draw_figures([(experiment, finished)], name="many")
     assert list(figures) == ["many-convergence", "many-trajectory"]
-    assert len(left_out([(experiment, finished)])) == 1
+    assert len(reasons) == 1
     axes = figures["many-convergence"].axes[1]
     own = [one for one in finished if one.run.method == experiment.methods[1]]
     members = len({one.run.member.number for one in own})
@@ -186,5 +186,6 @@ def test_members_without_an_error_have_no_figure_of_orders(one_key, error, statu
     experiment, finished = one_key
     experiment = dataclasses.replace(experiment, figures=("convergence", "trajectory"))
     spoilt = [dataclasses.replace(one, status=status, error=error) for one in finished]
-    assert list(figures_for([(experiment, spoilt)], name="many")) == ["many-trajectory"]
-    assert len(left_out([(experiment, spoilt)])) == 1
+    figures, reasons = draw_figures([(experiment, spoilt)], name="many")
+    assert list(figures) == ["many-trajectory"]
+    assert len(reasons) == 1

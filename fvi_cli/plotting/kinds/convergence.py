@@ -11,10 +11,10 @@ from matplotlib.figure import Figure
 
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.plotting.draw import figure
-from fvi_cli.plotting.kinds.members import bar_of, member_curves, members_title
+from fvi_cli.plotting.kinds.members import distinguish, member_curves, titles_of
 from fvi_cli.plotting.ladders import finish_ladders, ladder
-from fvi_cli.plotting.looks import method_looks, method_names
-from fvi_cli.plotting.panels import Curve, Panel
+from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
+from fvi_cli.plotting.style import method_looks, method_names
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
@@ -24,14 +24,12 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.norms import Norm
 
 Study = tuple[Experiment, Sequence[FinishedRun]]
-Cost = Callable[[CostRow], float]
 
 NORM_LABELS: dict[Norm, str] = {
-    "max": r"$\mathrm{max}_k\,|x_k - x(t_k)|$",
-    "final": r"$|x_N - x(T)|$",
-    "l2": r"$(\Sigma_k\,h_k\,|x_k - x(t_k)|^2)^{1/2}$",
+    "max": r"$\mathrm{max}_k\,|x_k-x(t_k)|$",
+    "final": "$|x_N-x(T)|$",
+    "l2": r"$(\Sigma_k\,h_k\,|x_k-x(t_k)|^2)^{1/2}$",
 }
-_HEIGHT = 2.9
 
 
 def convergence_figure(studies: Sequence[Study]) -> Figure:
@@ -39,49 +37,83 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
 
     Methods without a degree of their own, such as Gauss, are in every panel of their experiment.
     """
-    if not any(finished for _, finished in studies):
-        raise ValueError("finished runs: none were given; a convergence figure needs at least one")
     titles = _titles([experiment for experiment, _ in studies])
     panels = [
         Panel(
             curves=error_curves(own, names=method_names([one.run.method for one in own])),
             title=f"{title}, degree {degree}" if degree else title,
-            x=step_label(experiment),
-            y=error_label(experiment.norm, experiment.units),
+            **_axes(experiment),
             **explained(own),
         )
         for title, (experiment, finished) in zip(titles, studies, strict=True)
         for degree, own in by_degree(finished).items()
     ]
-    return ladder_figure(panels, is_shared=len(studies) == 1)
+    return _ladders(panels, sharey=len(studies) == 1)
 
 
-def ladder_figure(panels: Sequence[Panel], *, is_shared: bool, heading: str = "") -> Figure:
+def check_errors(finished: Sequence[FinishedRun]) -> None:
+    """Raise :class:`NothingToDraw` where no run has an error and none was lost."""
+    if not any(math.isfinite(one.error) or one.status != "ok" for one in finished):
+        raise NothingToDraw("no error is known; write exact: 1 - cos(t), or a ladder")
+
+
+def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the errors of members against the step size, one panel for each method."""
+    having = [one for one in finished if is_measured(one) and one.error > 0]
+    if not having:
+        raise NothingToDraw("no member has an error above 0")
+    found = distinguish(experiment.members, experiment.units)
+    panels = []
+    for case, title in method_names([one.run.method for one in having]).items():
+        own = [one for one in having if one.run.method.case == case]
+        ladders: dict[int, list[FinishedRun]] = {}
+        for one in sorted(own, key=lambda one: one.run.step_size):
+            if one.run.member is not None:
+                ladders.setdefault(one.run.member.number, []).append(one)
+        lines = [
+            (
+                rows[0],
+                np.array([one.run.step_size for one in rows]),
+                np.array([one.error for one in rows]),
+            )
+            for _, rows in sorted(ladders.items())
+        ]
+        curves, orders = member_curves(found, lines), explained(own)["orders"]
+        panels.append(Panel(title=title, curves=curves, orders=orders, **_axes(experiment)))
+    count = len(experiment.members)
+    return _ladders(panels, sharey=True, **titles_of(found, count, experiment.members))
+
+
+def _ladders(panels: Sequence[Panel], *, sharey: bool, **titles: Any) -> Figure:
     """A figure of ladders: one in a column, several in rows of two or three."""
     columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
-    padded = [*panels, *[None] * (-len(panels) % columns)]
-    rows = [padded[k : k + columns] for k in range(0, len(padded), columns)]
     return figure(
-        rows,
+        in_rows(panels, columns),
         ladder,
-        height=_HEIGHT if columns < 3 else 2.2,
+        height=2.9 if columns < 3 else 2.2,
         is_wide=columns > 1,
-        sharey=is_shared,
+        sharey=sharey,
         finish=finish_ladders,
-        heading=heading,
+        **titles,
     )
+
+
+def in_rows(panels: Sequence[Any], columns: int) -> list[list[Any]]:
+    """Panels in rows; places of the last one are left empty."""
+    padded = [*panels, *[None] * (-len(panels) % columns)]
+    return [padded[k : k + columns] for k in range(0, len(padded), columns)]
 
 
 def by_degree(finished: Sequence[FinishedRun]) -> dict[int, list[FinishedRun]]:
     """The runs of every degree of BDF; 0 where there is only one."""
-    degrees = {one: degree_of(one.run.method) for one in finished}
+    degrees = {one: _degree(one.run.method) for one in finished}
     every = sorted(set(degrees.values()) - {0})
     if len(every) < 2:
         return {0: list(finished)}
     return {degree: [one for one in finished if degrees[one] in (0, degree)] for degree in every}
 
 
-def degree_of(method: AnyMethod) -> int:
+def _degree(method: AnyMethod) -> int:
     """The degree of a BDF method; 0 of methods that have no choice of it."""
     return 0 if isinstance(method, Baseline) or method.is_runge_kutta else method.degree
 
@@ -111,7 +143,7 @@ def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, str]) -> l
 
 def is_measured(one: FinishedRun) -> bool:
     """Whether a run has an error that is drawn."""
-    return one.status in ("ok", "floor") and bool(np.isfinite(one.error))
+    return one.status in ("ok", "floor") and math.isfinite(one.error)
 
 
 def explained(finished: Sequence[FinishedRun]) -> dict[str, Any]:
@@ -129,16 +161,20 @@ def explained(finished: Sequence[FinishedRun]) -> dict[str, Any]:
     }
 
 
+def _axes(experiment: Experiment) -> dict[str, Any]:
+    return {"x": step_label(experiment), "y": _error_label(experiment)}
+
+
 def step_label(experiment: Experiment) -> str:
     """The label of the axis of step sizes; for graded meshes these are means."""
-    words = "step size $h$" if experiment.grading == 1.0 else "mean step size $h = T/N$"
+    words = "step size $h$" if experiment.grading == 1.0 else "mean step size $h=T/N$"
     return with_unit(words, experiment.units, "time")
 
 
-def error_label(norm: Norm, units: Mapping[str, str]) -> str:
+def _error_label(experiment: Experiment) -> str:
     """The label of the axis of errors."""
-    label = f"error {NORM_LABELS[norm]}"
-    if norm != "l2":
+    label, units = f"error {NORM_LABELS[experiment.norm]}", experiment.units
+    if experiment.norm != "l2":
         return with_unit(label, units, "length")
     has_unit = {"length", "time"} <= units.keys()
     return rf"{label} ({units['length']} {units['time']}$^{{1/2}}$)" if has_unit else label
@@ -162,74 +198,28 @@ def _titles(experiments: Sequence[Experiment]) -> list[str]:
     ]
 
 
-def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the errors of members against the step size, one panel for each method."""
-    having = [one for one in finished if is_measured(one) and one.error > 0]
-    ladders: dict[str, dict[int, list[FinishedRun]]] = {}
-    for one in sorted(having, key=lambda one: one.run.step_size):
-        number = -1 if one.run.member is None else one.run.member.number
-        ladders.setdefault(one.run.method.case, {}).setdefault(number, []).append(one)
-    names = method_names([one.run.method for one in having])
-    panels = [
-        Panel(
-            title=names[case],
-            x=step_label(experiment),
-            y=error_label(experiment.norm, experiment.units),
-            curves=member_curves(
-                experiment,
-                [
-                    (
-                        rows[0],
-                        np.array([one.run.step_size for one in rows]),
-                        np.array([one.error for one in rows]),
-                    )
-                    for _, rows in sorted(members.items())
-                ],
-            ),
-            orders=explained([one for rows in members.values() for one in rows])["orders"],
-        )
-        for case, members in ladders.items()
-    ]
-    most = max(len(members) for members in ladders.values())
-    bar = bar_of(experiment, most)
-    return figure(
-        [panels],
-        ladder,
-        height=_HEIGHT if len(panels) < 3 else 2.2,
-        is_wide=len(panels) > 1,
-        sharey=True,
-        bar=bar,
-        heading=members_title(experiment),
-        finish=finish_ladders,
-    )
-
-
-def cost_figure(tables: Sequence[CostTable]) -> Figure:
+def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
     """Least time, and history operations, against the error; a row for every experiment."""
-    costs: list[tuple[str, Cost]] = [("least time (s)", lambda row: row.seconds)]
+    costs: dict[str, Callable[[CostRow], float]] = {"least time (s)": lambda row: row.seconds}
     if any(row.history_operations for table in tables for row in table.rows):
-        costs.append(("multiply-adds on the history", lambda row: row.history_operations))
+        costs["multiply-adds on the history"] = lambda row: row.history_operations
     rows = [
         [
             Panel(
                 curves=_cost_curves(table, cost),
-                x=error_label(table.experiment.norm, table.experiment.units),
+                x=_error_label(table.experiment),
                 y=label,
                 title=table.experiment.name if len(tables) > 1 else "",
             )
-            for label, cost in costs
+            for label, cost in costs.items()
         ]
         for table in tables
     ]
-    return figure(rows, ladder, height=_HEIGHT, is_wide=len(costs) > 1, finish=finish_ladders)
+    made = figure(rows, ladder, height=2.9, is_wide=len(costs) > 1, finish=finish_ladders)
+    return {f"{name}-cost": made}
 
 
-def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
-    """The figure of a configuration, by the name of its file."""
-    return {f"{name}-cost": cost_figure(tables)}
-
-
-def _cost_curves(table: CostTable, cost: Cost) -> list[Curve]:
+def _cost_curves(table: CostTable, cost: Callable[[CostRow], float]) -> list[Curve]:
     """The runs of every method as points of error and cost; an error of 0 is below the floor."""
     methods = [row.run.method for row in table.rows]
     looks, names, curves = method_looks(methods), method_names(methods), []

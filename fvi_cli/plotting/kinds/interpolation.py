@@ -10,9 +10,8 @@ from fvi_cli.integrator.method import RuleSpecification
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 from fvi_cli.plotting.draw import SMALL, figure, lines
-from fvi_cli.plotting.looks import Look
 from fvi_cli.plotting.panels import Curve, Panel
-from fvi_cli.plotting.style import COLOURS, GREY, INK, PALE
+from fvi_cli.plotting.style import COLOURS, GREY, INK, PALE, Look
 
 _N_STEPS, _DEGREE = 3, 2
 _HIGHEST = 1.45
@@ -46,7 +45,7 @@ def interpolation_figure() -> Figure:
         (np.arange(_N_STEPS) + control[1], values[:, 1], "inner control points", COLOURS[4], "o"),
         (np.arange(_N_STEPS + 1.0), main, "control points at nodes", COLOURS[1], "o"),
     ):
-        look = Look(colour=colour, marker=marker, has_line=False, size=5.0)
+        look = Look(colour=colour, marker=marker, width=0, size=5.0)
         curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look))
 
     def dress(axes: object, panels: object) -> None:

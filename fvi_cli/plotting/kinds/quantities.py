@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from fvi_cli.integrator.observe.observer import observe_runs
 from fvi_cli.integrator.trajectory import Observed
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.draw import calm_limits, figure, lines
+from fvi_cli.plotting.draw import figure, lines
 from fvi_cli.plotting.kinds.motions import (
     LEAST_POINTS,
     Motion,
@@ -21,11 +21,11 @@ from fvi_cli.plotting.kinds.motions import (
     run_curves,
     select_runs,
 )
-from fvi_cli.plotting.looks import BLACK, cycled
-from fvi_cli.plotting.panels import Curve, Panel
+from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
+from fvi_cli.plotting.style import BLACK, cycled
 from fvi_cli.plotting.words import number_in_words, quantity_in_words, time_label
 from fvi_cli.reports.naming import with_unit
-from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.loops import forces_of
 
 MOST_PANELS = 8
@@ -37,35 +37,33 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 
     Numbered ones of one kind (drift_1, drift_3) share a panel where there is one run.
     """
-    having = [one for one in finished if has_quantities(one)]
+    having = with_quantities(finished)
+    names = list(observed_of(having[0]).quantities)
     if experiment.members:
-        shown = finest_of_members(having)
-        names = list(observed_of(shown[0]).quantities)[:MOST_PANELS]
-        motions = {quantity_label(experiment, name): _values_of(name) for name in names}
-        return members_over_time(experiment, shown, motions)
+        labels = {quantity_label(experiment, name): _values_of(name) for name in names}
+        return members_over_time(experiment, having, dict(list(labels.items())[:MOST_PANELS]))
     shown, x = select_runs(having), time_label(experiment)
     panels = []
-    for label, names in _groups(experiment, shown).items():
-        if len(shown) > 1:
-            curves = run_curves(shown, _values_of(names[0]))
-            pairs = [(item, names[0]) for item in shown]
-        else:
-            pairs = [(shown[0], name) for name in names]
-            curves = [_curve(shown[0], name, k, len(names)) for k, name in enumerate(names)]
+    for label, own in _groups(experiment, names, is_single=len(shown) == 1).items():
+        curves = run_curves(shown, _values_of(own[0]))
+        pairs = [(item, own[0]) for item in shown]
+        if len(shown) == 1:
+            pairs = [(shown[0], name) for name in own]
+            curves = [_curve(shown[0], name, k, len(own)) for k, name in enumerate(own)]
         _mark_largest(curves, pairs)
-        limits = calm_limits(curves)
-        panels.append([Panel(curves=curves, x=x, y=label, levels=[0.0], ylim=limits)])
+        panels.append([Panel(curves=curves, x=x, y=label, levels=[0.0])])
     height = 1.15 if len(panels) > 1 else 2.0
     return figure(panels[:MOST_PANELS], lines, height=height, sharex=True)
 
 
-def _groups(experiment: Experiment, shown: Sequence[FinishedRun]) -> dict[str, list[str]]:
-    """Names of quantities by the label of their panel."""
+def _groups(
+    experiment: Experiment, names: Sequence[str], *, is_single: bool
+) -> dict[str, list[str]]:
+    """Names of quantities by the label of their panel; those of one kind for a single run."""
     groups: dict[str, list[str]] = {}
-    names = list(observed_of(shown[0]).quantities)
     stems = {name: re.sub(r"_\d+$", "", name) for name in names}
     for name, stem in stems.items():
-        together = len(shown) == 1 and stem != name and list(stems.values()).count(stem) > 1
+        together = is_single and stem != name and list(stems.values()).count(stem) > 1
         label = quantity_label(experiment, name, stem if together else "")
         groups.setdefault(label, []).append(name)
     return groups
@@ -107,7 +105,7 @@ def _values_of(name: str) -> Motion:
 
 @functools.lru_cache(maxsize=16)
 def _dense(item: FinishedRun) -> tuple[Array, Mapping[str, Array]]:
-    """Reported times and quantities; where these are few, those within the steps."""
+    """Times and quantities; where few are reported, those within the steps that were kept."""
     trajectory, quantities = item.trajectory, observed_of(item).quantities
     if trajectory.steps is None or trajectory.time.size >= LEAST_POINTS:
         return trajectory.time, quantities
@@ -116,9 +114,12 @@ def _dense(item: FinishedRun) -> tuple[Array, Mapping[str, Array]]:
     return dense.time, quantities if dense.observed is None else dense.observed.quantities
 
 
-def has_quantities(item: FinishedRun) -> bool:
-    """Whether a run has requested quantities."""
-    return bool(observed_of(item).quantities)
+def with_quantities(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """The runs that have requested quantities."""
+    having = [one for one in finished if observed_of(one).quantities]
+    if not having:
+        raise NothingToDraw("there are none; write quantities: {drift: x2 - x1}")
+    return having
 
 
 def observed_of(item: FinishedRun) -> Observed:
