@@ -1,6 +1,7 @@
 """A tolerance in place of a ladder from the command line: chosen, stored, recalled, refused."""
 
 import json
+import re
 from pathlib import Path
 
 import command_line
@@ -89,7 +90,10 @@ def test_starter_files_show_the_key(fvi):
 
 
 def test_steps_are_found_on_the_way(fvi, tmp_path):
-    assert json.loads(fvi("run", "found.yaml", "--dry-run", "--json"))["runs"][0]["n_steps"] is None
+    assert (
+        json.loads(fvi("run", "found.yaml", "--dry-run", "--json"))["tasks"][0]["memory_bytes"]
+        is None
+    )
     fvi("run", "found.yaml")
     (run,) = stored(tmp_path, "found")
     assert run["error"] <= run["estimate"] <= run["tolerance"] == 1e-7
@@ -144,8 +148,8 @@ def test_members_of_a_sweep_have_their_own_meshes(fvi, tmp_path):
     more = text.replace("200.5]", "200.5, 7.0]")
     (tmp_path / "swept.yaml").write_text(more)
     planned = fvi("run", "swept.yaml", "--dry-run")
-    assert "reuse 3 members" in planned
-    assert "compute 1 members" in planned
+    assert re.search(r"reuse +Gauss, adaptive steps, 3 members", planned)
+    assert re.search(r"compute +Gauss, adaptive steps, 1 members", planned)
     assert "reuse" not in fvi("run", "swept.yaml", "--dry-run", "--set", "accuracy.tolerance=1e-6")
 
 

@@ -16,14 +16,15 @@ from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded
 if TYPE_CHECKING:
     from fvi_cli.config import LoadedConfig
     from fvi_cli.render.results import Results
-    from fvi_cli.runner.outcome import Outcome
     from fvi_cli.runner.progress import Task
+
+    Show = Callable[[LoadedConfig, Any], None]
 
 _logger = logging.getLogger("fvi_cli")
 
-STUDY = ("output", "overrides", "dry_run", "json")
-RUNS = (*STUDY, "workers", "dask", "shard", "fresh")
-"""Options of commands that read configurations, and of those that compute runs."""
+RUNS = ("output", "overrides", "workers", "dask", "shard", "fresh", "dry_run", "json")
+STUDY = ("output", "overrides", "dry_run", "check", "json")
+"""Options of commands that compute runs, and of other studies."""
 WHOLE = "1/1"
 
 
@@ -55,79 +56,49 @@ class Call:
 
         return gather(sources, self.overrides or ())
 
-    def runs(
-        self,
-        sources: Sequence[str],
-        show: Callable[[LoadedConfig, list[Outcome]], None],
-        **more: Any,
-    ) -> int:
-        """Compute and show the runs of configurations; returns the exit code.
-
-        With ``--dry-run`` print what would be done, of a shard where its parts are.
-        """
-        from fvi_cli.render.json import document, planned_run
-        from fvi_cli.render.plans import plans_as_text
+    def runs(self, sources: Sequence[str], show: Show | None, **more: Any) -> int:
+        """Compute and show the runs of configurations; returns the exit code."""
         from fvi_cli.runner.compute import plan, run
 
-        configs = self.gather(sources)
+        compute = functools.partial(
+            run, workers=self.workers, dask=self.dask, keep=not self.check, **more
+        )
+        if self.shard != WHOLE:
+            # the parts of others are not there
+            show = self._name_parts
         shared = {name: getattr(self, name) for name in ("output", "fresh", "shard")}
-        if self.dry_run:
-            plans = [one for config in configs for one in plan(config, **shared)]
-            found = list(map(planned_run, plans)) if self.json else []
-            print(document(runs=found) if self.json else plans_as_text(plans))
-            return DONE
-        for config in configs:
-            outcomes = run(
-                config,
-                **shared,
-                workers=self.workers,
-                dask=self.dask,
-                keep=not self.check,
-                progress=not self.quiet,
-                **more,
-            )
-            self.note(config, outcomes)
-            if self.shard == WHOLE:
-                show(config, outcomes)
-            else:
-                self.wrote([self.output / f"{config.name}.partial"])
-        return self.close()
+        return self.each(sources, plan, compute, show, **shared)
 
-    def study(
+    def each(
         self,
         sources: Sequence[str],
         tasks: Callable[..., Sequence[Task]],
         compute: Callable[..., Any],
-        more: Callable[[LoadedConfig, Any], Sequence[Path]] = lambda config, found: (),
+        show: Show | None = None,
         **settings: Any,
     ) -> int:
-        """Compute and show results other than runs; returns the exit code.
+        """Compute and show the results of every configuration; returns the exit code.
 
-        With ``--dry-run`` print the tasks. `more` writes further files.
+        With ``--dry-run`` print the tasks.
         """
         from fvi_cli.render.json import document
+        from fvi_cli.render.results import failures
         from fvi_cli.render.runs import columns_of
 
         configs = self.gather(sources)
         if self.dry_run:
-            listed = [task for config in configs for task in tasks(config, **settings)]
-            rows = [{n: getattr(one, n) for n in ("experiment", "action", "of")} for one in listed]
-            print(document(tasks=rows) if self.json else columns_of(rows))
+            rows = [task.row for config in configs for task in tasks(config, **settings)]
+            print(document(tasks=rows) if self.json else columns_of(rows, memory_bytes=","))
             return DONE
         for config in configs:
-            found = compute(config, progress=not self.quiet, **settings)
-            self.note(config, found)
-            self.show(config, found)
-            if not self.check:
-                self.wrote(more(config, found))
+            results = compute(config, progress=not self.quiet, **settings)
+            if words := failures(results):
+                self.failures.append(f"{config.name}: {words}")
+            (show or self.show)(config, results)
         return self.close()
 
-    def note(self, config: LoadedConfig, results: Results) -> None:
-        """Keep failures in the results, which determine the exit code."""
-        from fvi_cli.render.results import failures
-
-        if words := failures(results):
-            self.failures.append(f"{config.name}: {words}")
+    def _name_parts(self, config: LoadedConfig, results: Results) -> None:
+        self.wrote([self.output / f"{config.name}.partial"])
 
     def show(self, config: LoadedConfig, results: Results) -> None:
         """Print and write results, or with ``--check`` find differences from stored ones."""

@@ -14,6 +14,7 @@ from fvi_cli.cli.options import Configs, Sources, UsualSources
 if TYPE_CHECKING:
     from fvi_cli.config import LoadedConfig
     from fvi_cli.runner.outcome import Outcome
+    from fvi_cli.studies.fits.result import FitResult
 
 _logger = logging.getLogger("fvi_cli")
 
@@ -123,18 +124,18 @@ def cost(
     """Measure error, time and work of every method and baseline, one run after the other."""
     from fvi_cli.runner import cost as study
 
-    return call.study(configs, study.cost_tasks, study.cost, repeats=repeats)
+    return call.each(configs, study.cost_tasks, study.cost, repeats=repeats)
 
 
-@command(COMPUTE, *STUDY, "check", examples=("fvi stability stability-bagley-torvik",))
+@command(COMPUTE, *STUDY, examples=("fvi stability stability-bagley-torvik",))
 def stability(call: Call, configs: Configs) -> int:
     """Predict the stability of every method over steps and parameters."""
     from fvi_cli.runner import stability as study
 
-    return call.study(configs, study.stability_tasks, study.stability)
+    return call.each(configs, study.stability_tasks, study.stability)
 
 
-@command(COMPUTE, *STUDY, "check", examples=("fvi fit fit-response",))
+@command(COMPUTE, *STUDY, examples=("fvi fit fit-response",))
 def fit(call: Call, configs: Configs) -> int:
     """Fit numbers of a problem to measured motions, with confidence intervals.
 
@@ -143,15 +144,15 @@ def fit(call: Call, configs: Configs) -> int:
     """
     from fvi_cli.runner import fit as study
 
-    return call.study(
-        configs,
-        study.fit_tasks,
-        study.fit,
-        lambda config, found: study.write_fitted(config, found, call.output),
-    )
+    def show(config: LoadedConfig, found: list[FitResult]) -> None:
+        call.show(config, found)
+        if not call.check:
+            call.wrote(study.write_fitted(config, found, call.output))
+
+    return call.each(configs, study.fit_tasks, study.fit, show)
 
 
-@command(LINEAR, *STUDY, "check", examples=("fvi modes ten-storeys --count 4",))
+@command(LINEAR, *STUDY, examples=("fvi modes ten-storeys --count 4",))
 def modes(
     call: Call,
     configs: Configs,
@@ -172,13 +173,12 @@ def modes(
     """
     from fvi_cli.runner import vibration as study
 
-    return call.study(configs, study.modes_tasks, study.modes, count=count, near=near)
+    return call.each(configs, study.modes_tasks, study.modes, count=count, near=near)
 
 
 @command(
     LINEAR,
     *STUDY,
-    "check",
     examples=("fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",),
 )
 def response(
@@ -214,7 +214,7 @@ def response(
     """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
     from fvi_cli.runner import vibration as study
 
-    return call.study(
+    return call.each(
         configs,
         study.response_tasks,
         study.response,

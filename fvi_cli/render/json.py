@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from fvi_cli.runner.compute import PlannedRun
 from fvi_cli.storage import StoredFile
 from fvi_cli.storage.fields import COUNTS, EXTENTS, JSON_FIELDS, counts_in, extents_in, values_of
 from fvi_cli.studies.experiment import FinishedRun, Run
@@ -37,13 +36,6 @@ def finished_run(finished: FinishedRun) -> dict[str, object]:
     absent = dict.fromkeys(("tolerance", "estimate"))
     may_fail = run.experiment.expects_failure(run.method)
     return {**_run(run), "may_fail": may_fail, **absent, **_values(values_of(finished))}
-
-
-def planned_run(plan: PlannedRun) -> dict[str, object]:
-    """A run with what would be done with it, and the memory that it takes."""
-    unknown = ("case", "n_steps", "step_size") if plan.run.is_search else ()
-    known = {"action": plan.action, "memory_bytes": plan.memory_bytes}
-    return {**_run(plan.run), **dict.fromkeys(unknown), **known}
 
 
 def contents_as_json(stored: StoredFile) -> str:

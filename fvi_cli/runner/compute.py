@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from fvi_cli.errors import RequestError, StorageError
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.runner.executor import compute_all
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
-from fvi_cli.runner.progress import progress_bar
+from fvi_cli.runner.progress import Task, progress_bar
 from fvi_cli.runner.request import Source, file_of, is_stored, load
 from fvi_cli.runner.work import Batch, batches_of, one_by_one_words, reference_batches_of
 from fvi_cli.storage.identity import identity_of
@@ -72,27 +73,23 @@ def run(
     config, part = load(source), shard_named(shard)
     listed = {experiment: experiment.runs() for experiment in config.experiments}
     runs = [run for own in listed.values() for run in own]
-    store = Store(file_of(config, output))
-    target, lost = store if keep else Store(None), dict[Run, str]()
+    store, lost = Store(file_of(config, output), keeps=keep), dict[Run, str]()
     if is_stored(config):
         store.fold()
     else:
-        if keep and part[1] == 1:
+        if part[1] == 1:
             # a damaged part is found now, so that its runs are computed
             store.fold(runs)
-        if keep:
-            store.describe(config.text, config.resolved, config.overrides)
-        work = _Work(config.name, runs, store, target, fresh)
+        store.describe(config.text, config.resolved, config.overrides)
+        work = _Work(config.name, runs, store, fresh)
         try:
             lost = work.compute(part, workers, dask, progress=progress)
         finally:
             # also after Ctrl-C
             if part[1] == 1:
-                target.fold(runs, prunes=prune)
-            target.look()
+                store.fold(runs, prunes=prune)
+            store.look()
     found = store.read(runs, motions=keeps_motions)
-    if not keep:
-        found |= target.read(runs, motions=keeps_motions)
     found |= {one: _lost_run(one, words) for one, words in lost.items()}
     if not is_stored(config):
         _report([found[run] for run in runs if run in found])
@@ -120,39 +117,43 @@ def recall(path: Path | str, *, overrides: Sequence[str] = ()) -> list[Outcome]:
     return run(load(path, overrides=overrides))
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class PlannedRun:
-    """The plan for one run."""
-
-    run: Run
-    # "reuse" a stored result, "compute", or "leave out" (a run that another shard computes, or that
-    # is missing in the result file of the request)
-    action: str
-
-    @property
-    def memory_bytes(self) -> int | None:
-        """Memory that the run takes by itself; None where its steps are not known."""
-        run = self.run
-        return None if run.is_search else run_bytes(run.experiment, run.method, run.n_steps)
-
-
 def plan(
     source: Source,
     *,
     output: Path | str = "results",
     fresh: bool = False,
     shard: str = "1/1",
-) -> list[PlannedRun]:
-    """What :func:`run` would do with every run; writes no file."""
+) -> list[Task]:
+    """What :func:`run` would do, by method and number of steps; writes no file.
+
+    Actions are ``compute``, ``reuse`` a stored run, or ``leave out`` a run that another shard
+    computes, or that a result file in place of a configuration lacks.
+    """
     config, part = load(source), shard_named(shard)
-    runs = [one for experiment in config.experiments for one in experiment.runs()]
-    store = Store(file_of(config, output))
-    work = _Work(config.name, runs, store, store, fresh and not is_stored(config))
-    waiting, own = work.missing(), set[Run]()
+    runs = [run for experiment in config.experiments for run in experiment.runs()]
+    work = _Work(config.name, runs, Store(file_of(config, output)), fresh and not is_stored(config))
+    actions = dict.fromkeys(runs, "reuse") | dict.fromkeys(work.missing(), "leave out")
     if not is_stored(config):
-        own = {run for batch in work.batches(part) for run in batch.runs}
-    actions = {run: "compute" if run in own else "leave out" for run in waiting}
-    return [PlannedRun(run=run, action=actions.get(run, "reuse")) for run in runs]
+        own = (run for batch in work.batches(part) for run in batch.runs)
+        actions |= dict.fromkeys(own, "compute")
+    groups = Counter(
+        (run.experiment, run.method, run.n_steps, action) for run, action in actions.items()
+    )
+    return [
+        _planned(Run(experiment=experiment, method=method, n_steps=n_steps), action, count)
+        for (experiment, method, n_steps, action), count in groups.items()
+    ]
+
+
+def _planned(run: Run, action: str, count: int) -> Task:
+    """The plan for a run, or so many members."""
+    experiment, of, memory = run.experiment, ["Gauss, adaptive steps"], None
+    if not run.is_search:
+        of = [f"{run.method.label}, N = {run.n_steps}"]
+        memory = run_bytes(experiment, run.method, run.n_steps)
+    if experiment.members:
+        of.append(f"{count} members")
+    return Task(experiment=experiment.name, action=action, of=", ".join(of), memory_bytes=memory)
 
 
 def shard_named(text: str) -> tuple[int, int]:
@@ -163,14 +164,11 @@ def shard_named(text: str) -> tuple[int, int]:
     RequestError
         If the text names no part.
     """
-    found = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", text)
-    number, count = map(int, found.groups()) if found else (0, 0)
-    if not 1 <= number <= count:
-        raise RequestError(
-            f"--shard {text}: is not I/N with I from 1 to N, such as 2/4 for the second of four "
-            "parts"
-        )
-    return number, count
+    number, _, count = text.partition("/")
+    are_numbers = number.isdecimal() and count.isdecimal()
+    if not (are_numbers and 1 <= int(number) <= int(count)):
+        raise RequestError(f"--shard {text}: write I/N with I from 1 to N, such as 2/4")
+    return int(number), int(count)
 
 
 @dataclass(frozen=True)
@@ -179,8 +177,7 @@ class _Work:
 
     name: str
     runs: Sequence[Run]
-    store: Store  # where runs are looked up
-    target: Store  # where they are stored
+    store: Store
     is_fresh: bool
 
     def missing(self) -> set[Run]:
@@ -216,7 +213,7 @@ class _Work:
             if words := one_by_one_words(experiment):
                 _logger.info("%s: %s", self.name, words)
         with (
-            running(self.target.path if batches else None) as is_alone,
+            running(self.store.path if batches and self.store.keeps else None) as is_alone,
             progress_bar(self.name, len(own), wanted=progress) as advance,
         ):
             for waiting in (reference_batches_of(own), batches):
@@ -226,26 +223,25 @@ class _Work:
                 ordered = waiting if is_alone else waiting[::-1]
                 for batch, result in compute_all(self._ready(ordered), workers, dask):
                     if isinstance(result, bytes):
-                        self.target.add(batch.name, result)
+                        self.store.add(batch.name, result)
                     elif not batch.is_reference:
                         lost |= dict.fromkeys(batch.runs, _words(result))
                     if not batch.is_reference:
                         advance(len(batch.runs))
-                self.target.look()
+                self.store.look()
         return lost
 
     def _ready(self, batches: Sequence[Batch]) -> Iterator[Batch]:
         """The batches with the references that are known, but those that are computed meanwhile."""
         for batch in batches:
             if not self.is_fresh:
-                if self.target.has_grown():
-                    self.target.look()
+                if self.store.has_grown():
+                    self.store.look()
                 is_stored = all(map(self.store.has, batch.identities))
-                if is_stored or self.target.has_part(batch.name):
+                if is_stored or self.store.has_part(batch.name):
                     continue
             needed = [] if batch.is_reference else list(filter(needs_refined_run, batch.runs))
-            known = {} if self.is_fresh else self.store.references(needed)
-            yield replace(batch, references=known | self.target.references(needed))
+            yield replace(batch, references=self.store.references(needed))
 
 
 def _words(error: Exception) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -27,9 +26,10 @@ class Outcome:
     finished: tuple[FinishedRun, ...]  # in the order of Experiment.runs
 
     def __repr__(self) -> str:
-        """A line for the experiment and one for each of its methods."""
-        lines = (f"  {' '.join(row)}" for row in self._by_method())
-        return "\n".join([f"<Outcome {self.experiment.name}", *lines]) + ">"
+        """The experiment, and how many of its runs have which status."""
+        counts = Counter(one.status for one in self.finished)
+        statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
+        return f"<Outcome {self.experiment.name}: {statuses or 'no runs'}>"
 
     def plot(self, figure: str | Mapping[str, Any] | None = None) -> Figure:
         """Draw one figure, by default the first one of the experiment.
@@ -112,18 +112,6 @@ class Outcome:
             values |= {f"{which}_{name}": getattr(extent, which) for which in EXTENTS}
         values |= {f"count_{name}": count for name, count in counts_in(values).items()}
         return key, {name: one for name, one in values.items() if name not in JSON_FIELDS}
-
-    def _by_method(self) -> list[tuple[str, str, str]]:
-        """(Case, numbers of runs by status, least error) of every method."""
-        rows = []
-        for method in dict.fromkeys(one.run.method for one in self.finished):
-            own = [one for one in self.finished if one.run.method == method]
-            counts = Counter(one.status for one in own)
-            statuses = ", ".join(f"{count} {status}" for status, count in counts.items())
-            best = min(own, key=lambda one: math.inf if math.isnan(one.error) else one.error)
-            least = f"error {best.error:.2e} at N = {best.run.n_steps}"
-            rows.append((best.run.method_label, statuses, "" if math.isnan(best.error) else least))
-        return rows
 
     @property
     def unexpected(self) -> tuple[FinishedRun, ...]:

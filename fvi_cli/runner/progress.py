@@ -18,12 +18,19 @@ SECONDS_BETWEEN_LINES = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class Task:
-    """A piece of work other than a run, such as a fit."""
+    """A piece of work that a command does, or names with ``--dry-run``."""
 
     experiment: str
-    action: str  # such as "fit zener"
+    action: str  # such as "fit zener", for runs "compute" or "reuse"
     of: str  # what it is done with: "damping.0.order to decay.csv"
-    work: Callable[[], Any]
+    memory_bytes: int | None = None  # memory that a run takes by itself
+    work: Callable[[], Any] = lambda: None
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """What is told of it."""
+        names = ("experiment", "action", "of", "memory_bytes")
+        return {name: getattr(self, name) for name in names}
 
 
 def carry_out(tasks: Sequence[Task], title: str, *, progress: bool) -> list[Any]:

@@ -68,7 +68,7 @@ class StoredConfiguration:
 class Store:
     """``NAME.h5`` and ``NAME.partial/``, as one command sees them.
 
-    Without a path everything is kept in memory.
+    Without a path, or if it does not keep what is added, additions stay in memory.
 
     Raises
     ------
@@ -76,8 +76,9 @@ class Store:
         For files of other versions and other programs.
     """
 
-    def __init__(self, path: Path | None) -> None:
+    def __init__(self, path: Path | None, *, keeps: bool = True) -> None:
         self.path = path
+        self.keeps = keeps and path is not None
         self._memory: dict[str, bytes] = {}
         self._places: dict[str, Place] = {}
         self._known: dict[Source, int] = {}
@@ -145,7 +146,7 @@ class Store:
 
     def add(self, name: str, content: bytes) -> None:
         """Store a part; :meth:`look` finds its runs."""
-        if self.path is None:
+        if not self.keeps:
             self._memory[name] = content
             return
         with explain_os_error(self.folder):
@@ -183,7 +184,7 @@ class Store:
     def describe(self, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> None:
         """Store the configuration of a command, unless the file has it already."""
         digest, content = configuration_part_of(text, resolved, overrides)
-        if self.path is None or _digest_of(self.path) == digest:
+        if self.path is None or not self.keeps or _digest_of(self.path) == digest:
             return
         self.add(f"{digest[:24]}{SUFFIX}", content)
 
@@ -220,7 +221,11 @@ class Store:
         command folds at a time; a part that appears meanwhile waits for the next. A damaged part is
         set aside. Where the file system has no locks, parts stay.
         """
-        if self.path is None or not (self.parts() or (prunes and self.path.exists())):
+        if (
+            self.path is None
+            or not self.keeps
+            or not (self.parts() or (prunes and self.path.exists()))
+        ):
             return
         with (
             explain_os_error(self.path),

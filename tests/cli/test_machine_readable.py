@@ -39,8 +39,8 @@ def test_a_run_and_what_is_stored_of_it(tmp_path):
     for key in ("case", "n_steps", "error", "status"):
         assert [run[key] for run in shown["runs"]] == [run[key] for run in made["runs"]]
     planned = document("run", *QUICK, "--dry-run", "--json", "-o", str(tmp_path))
-    assert set(planned) | set(planned["runs"][0]) == promised("run --dry-run --json")
-    assert {run["action"] for run in planned["runs"]} == {"reuse"}
+    assert set(planned) | set(planned["tasks"][0]) == promised("--dry-run --json")
+    assert {run["action"] for run in planned["tasks"]} == {"reuse"}
 
 
 REPORTS = {  # what each command is asked, a table of its document, and whether it can be checked
