@@ -39,16 +39,15 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.memory.damping import Damping, DampingTables, damping_of
 from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
-from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Diagnostics
-from fvi_cli.mathematics.arrays import Array, Mask, Places
+from fvi_cli.mathematics.arrays import Array, Mask
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
-PIECE = 64  # equal steps that are computed together
-AT_ONCE = 2**22  # most numbers in the states that are held
+PIECE = 64  # most equal steps that are computed together
+AT_ONCE = 2**20  # most numbers in the states that are held
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,24 +58,18 @@ class DampingAlong:
     step_sizes: Array  # (n,)
     inputs: Array  # (q, n, i, e)
     reach: DamperForms | None = None  # components of a large structure that it acts on
-    longest: int = PIECE  # most equal steps that are computed together
 
     def forces(self) -> Array:
-        r"""Forces :math:`\mu D^\gamma q` by direction at the samples, ``(k, q, n, m, d)``."""
-        damping, (q, n, i, e) = self.damping, self.inputs.shape
-        total, k = np.zeros((0, q, n, 0, e)), len(damping.combinations)
-        for tables, count, firsts, states, columns in self._replay(self.longest):
-            if tables is None:
-                continue
-            if not total.size:
-                total = np.zeros((k, q, n, tables.kernels.n_samples, e))
-            steps = firsts[:, None] + np.arange(count)
-            driven = self.inputs[:, steps].swapaxes(0, 1).reshape(len(firsts), q, count * i, e)
-            for index in range(k):
-                force = damping.past(tables, states, columns, count, index)
-                force = force + damping.own(tables, driven, count, index)
-                force = force.reshape(len(firsts), q, count, -1, e).swapaxes(0, 1)
-                total[index][:, steps] = force
+        r"""Forces :math:`\sum \mu D^\gamma q` at the samples, ``(q, n, m, d)``."""
+        damping, (q, _, _, e) = self.damping, self.inputs.shape
+        found = []
+        for tables, driven, states, column in self._replay(PIECE):
+            if tables is not None:
+                count = tables.kernels.count
+                force = damping.past(tables, states, column, count)
+                force = force + damping.own(tables, driven, count)
+                found.append(force.reshape(q, count, -1, e))
+        total = np.concatenate(found, axis=1)
         return total if self.reach is None else self.reach.spread(total)
 
     def stored(self) -> Array | None:
@@ -84,60 +77,46 @@ class DampingAlong:
 
         None for backward differences, whose weights are no positive sum of squares.
         """
-        total = np.zeros((len(self.inputs), self.step_sizes.size + 1))
-        for _, _, firsts, states, columns in self._replay(1):
-            energy = self.damping.energy(states, columns)
-            if energy is None:
-                return None
-            total[:, firsts] = energy.sum(axis=0).T
-        return total
+        found, path = [], list[tuple[Array, Array]]()
+        for tables, _, states, column in self._replay(1):
+            path.append((states, column))
+            if tables is None or len(path) * states.size > AT_ONCE:
+                every = (np.stack(one) for one in zip(*path, strict=True))
+                energy = self.damping.energy(*every)
+                if energy is None:
+                    return None
+                found.append(energy.sum(axis=0))
+                path.clear()
+        return np.concatenate(found).T
 
-    def _replay(
-        self, longest: int
-    ) -> Iterator[tuple[DampingTables | None, int, Places, Array, Array]]:
-        """Blocks of steps: tables, number of steps, first steps, and states at their beginning.
+    def _replay(self, longest: int) -> Iterator[tuple[DampingTables | None, Array, Array, Array]]:
+        """Blocks of steps: tables, their inputs, and the states at their beginning.
 
-        Blocks of one step size come together: states are ``(b, q, J, e)``, those of a start
-        velocity of 1 ``(b, 1, J, 1)``. The last is the end of the run, without tables.
+        States are ``(q, J, e)``, those of a start velocity of 1 ``(1, J, 1)``. The last is the end
+        of the run, without tables.
         """
-        damping, (q, n, i, e) = self.damping, self.inputs.shape
+        damping, (q, _, i, e) = self.damping, self.inputs.shape
         states, column = damping.start()
-        pieces = pieces_of_equal_steps(self.step_sizes, longest)
-        keys = [(float(self.step_sizes[first]), end - first) for first, end in pieces]
-        tables = {key: damping.tables(*key) for key in dict.fromkeys(keys)}
-        together = max(PIECE, AT_ONCE // max(states.size, 1))
-        for begin in range(0, len(pieces), together):
-            chunk = range(begin, min(begin + together, len(pieces)))
-            path, columns = (
-                np.empty((len(chunk), *states.shape)),
-                np.empty((len(chunk), *column.shape)),
-            )
-            for place, index in enumerate(chunk):
-                (first, end), own = pieces[index], tables[keys[index]]
-                path[place], columns[place] = states, column
-                driven = self.inputs[:, first:end].reshape(q, (end - first) * i, e)
-                states = own.kernels.push(states, driven, end - first)
-                column = damping.push_column(own, column, end - first)
-            places: dict[tuple[float, int], list[int]] = {}
-            for place, index in enumerate(chunk):
-                places.setdefault(keys[index], []).append(place)
-            for key, those in places.items():
-                firsts = np.array([pieces[begin + place][0] for place in those])
-                yield tables[key], key[1], firsts, path[those], columns[those]
-        yield None, 0, np.array([n]), states[None], column[None]
+        known: dict[tuple[float, int], DampingTables] = {}
+        for first, end in pieces_of_equal_steps(self.step_sizes, longest):
+            count, key = end - first, (float(self.step_sizes[first]), end - first)
+            tables = known[key] = known.get(key) or damping.tables(*key)
+            driven = self.inputs[:, first:end].reshape(q, count * i, e)
+            yield tables, driven, states, column
+            states = tables.kernels.push(states, driven, count)
+            column = damping.push_column(tables, column, count)
+        yield None, self.inputs[:, :0], states, column
 
 
 def damping_along(
-    scenes: Sequence[Scene],
-    method: Method,
-    mesh: Mesh,
-    steps: Sequence[RunSteps],
+    scenes: Sequence[Scene], method: Method, steps: Sequence[RunSteps]
 ) -> DampingAlong | None:
     """The damping along runs on one mesh of scenes whose terms have the same pattern.
 
-    `mesh` is that of whole runs, also if all ended early, at the same step. None without damping.
+    None without damping.
     """
     reach = find_damper_forms(scenes[0].active_forces) if scenes[0].is_sparse else None
+    mesh = steps[0].mesh(scenes[0].break_points)
     damping = damping_of(
         scenes,
         method,
@@ -164,10 +143,10 @@ def forces_on(scenes: Sequence[Scene], method: Method, runs: Sequence[RunSteps])
 
     Shape ``(q, n, m, d)``; the terms of all scenes have the same pattern.
     """
-    along = damping_along(scenes, method, runs[0].mesh(scenes[0].break_points), runs)
+    along = damping_along(scenes, method, runs)
     assert along is not None
     with np.errstate(all="ignore"):
-        return np.asarray(along.forces().sum(axis=0))
+        return along.forces()
 
 
 def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple[int, int]]:
@@ -180,19 +159,15 @@ def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple
     ]
 
 
-def diagnose(
-    scene: Scene, method: Method, mesh: Mesh, steps: RunSteps, loads: StepLoads
-) -> Diagnostics:
-    """Works and energies at the points of a run.
-
-    `mesh` is that of the whole run, also if the run ended early; `loads` are the given forces.
-    """
-    along, damping, stored = damping_along([scene], method, mesh, [steps]), None, None
+def diagnose(scene: Scene, method: Method, steps: RunSteps, loads: StepLoads) -> Diagnostics:
+    """Works and energies at the points of a run under given forces, the loads."""
+    along, damping, stored = damping_along([scene], method, [steps]), None, None
     if along is not None:
-        damping = step_tables(method).to_loads @ along.forces().sum(axis=0)[0]
+        damping = step_tables(method).to_loads @ along.forces()[0]
         damping = damping * steps.step_size[:, None, None]
         every = along.stored()
         stored = None if every is None else every[0]
+    mesh = steps.mesh(scene.break_points)
     fresh = np.isin(steps.time[:-1], [one.begin for one in mesh.stretches if one.is_fresh])
     added = loads_along(loads.of_weights, steps, fresh)
     if added is not None:

@@ -16,7 +16,7 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.potential import Potential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.failure import Failure, StepFailedError
+from fvi_cli.integrator.failure import StepFailedError, no_unique_solution, not_finite
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.integrator.trajectory import NewtonRecord, Trajectory
 from fvi_cli.mathematics.arrays import Array
@@ -48,17 +48,19 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
     began = time.perf_counter()
     steps = _EqualSteps(scene, n_steps)
     points = [_Point(scene.initial_position, scene.initial_velocity)]
-    scheme, failure = SCHEMES[method.name](steps), None
+    scheme, failure = SCHEMES[method.name](steps), ""
     ready = time.perf_counter()
     with np.errstate(over="ignore", invalid="ignore"):
         for k in range(n_steps):
             try:
                 point = next(scheme)
-            except StepFailedError as error:
-                failure = Failure.in_step(k, k * steps.h, error)
+            except (StepFailedError, np.linalg.LinAlgError) as error:
+                is_singular = isinstance(error, np.linalg.LinAlgError)
+                words = no_unique_solution(steps.h) if is_singular else error
+                failure = f"step {k}, t = {k * steps.h:.6g}: {words}"
                 break
             if not np.isfinite(point.position).all():
-                failure = Failure.not_finite(k, (k + 1) * steps.h)
+                failure = not_finite(k, (k + 1) * steps.h)
                 break
             points.append(point)
         position = np.array([point.position for point in points])
@@ -72,9 +74,8 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
         energy=energy,
         n_steps=n_steps,
         step_size=steps.h,
-        status="ok" if failure is None else "failed",
-        message=str(failure or ""),
-        failure=failure,
+        status="failed" if failure else "ok",
+        message=failure,
         history_operations=steps.operations,
         newton=NewtonRecord(iterations=sum(point.iterations for point in points)),
         setup_seconds=ready - began,

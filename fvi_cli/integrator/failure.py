@@ -2,48 +2,35 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
-
-Reason = Literal["not finite", "no unique solution", "step failed", "irregular", "most steps"]
+from fvi_cli.integrator.engine.state import State, Steps
 
 
 class StepFailedError(Exception):
-    """A step whose equations could not be solved, with a reason for the program."""
-
-    def __init__(self, message: str, reason: Reason = "step failed") -> None:
-        self.reason = reason
-        super().__init__(message)
+    """A step whose equations could not be solved."""
 
 
-@dataclass(frozen=True)
-class Failure:
-    """Why a run stopped: words for the reader, and fields for programs."""
-
-    words: str  # the whole message
-    reason: Reason = "step failed"  # what happened
-    step: int | None = None  # number of the step in the run, from 0, and where it begins or ends
-    time: float | None = None
-
-    def __str__(self) -> str:
-        """The words."""
-        return self.words
-
-    @classmethod
-    def in_step(cls, step: int, time: float, error: StepFailedError) -> Failure:
-        """A step that failed."""
-        return cls(f"step {step}, t = {time:.6g}: {error}", error.reason, step, time)
-
-    @classmethod
-    def not_finite(cls, step: int, time: float) -> Failure:
-        """A step that ends at `time` with numbers that are not finite."""
-        return cls(f"not finite after step {step}, t = {time:.6g}", "not finite", step, time)
+def not_finite(step: int, time: float) -> str:
+    """A step that ends at `time` with numbers that are not finite."""
+    return f"not finite after step {step}, t = {time:.6g}"
 
 
 def no_unique_solution(step_size: float) -> StepFailedError:
     """The error of a step with singular equations, as with negative stiffness."""
     return StepFailedError(
         f"the equations of a step of length {step_size:.6g} have no unique solution; take "
-        "another number of steps",
-        reason="no unique solution",
+        "another number of steps"
     )
+
+
+def why_unsolved(steps: Steps, state: State, member: int = 0) -> StepFailedError:
+    """Why a step of a member that begins at `state` has no solution."""
+    if steps.finite is None:
+        return no_unique_solution(steps.h)
+    near = "[" + ", ".join(f"{value:.4g}" for value in state.x[member]) + "]"
+    words = f"Newton's iteration did not converge near q = {near}; take a smaller step"
+    if not steps.finite[member]:
+        words = (
+            "the force is not finite (no real number, or a division by zero) near "
+            f"q = {near}; take a smaller step if the motion itself stays away from there"
+        )
+    return StepFailedError(words)

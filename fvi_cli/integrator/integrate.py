@@ -14,7 +14,6 @@ from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
 from fvi_cli.integrator.decoupling import linear_decoupling
-from fvi_cli.integrator.failure import no_unique_solution
 from fvi_cli.integrator.material import material_response
 from fvi_cli.integrator.memory.damping import damping_of, law_objection, pattern_of
 from fvi_cli.integrator.memory.exponentials import Exponentials
@@ -24,7 +23,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method, as_method
 from fvi_cli.integrator.observe.dampers import damper_values
 from fvi_cli.integrator.observe.impacts import integrate_with_impacts
-from fvi_cli.integrator.observe.observer import Impacted, observe_runs
+from fvi_cli.integrator.observe.observer import observe_runs
 from fvi_cli.integrator.observe.request import (
     Event,
     Observations,
@@ -38,9 +37,6 @@ from fvi_cli.mathematics.threads import in_one_thread
 
 LARGEST_STEP = 24
 """Most unknowns of a step of a member: larger matrix products are quicker one by one."""
-FEWEST = 4
-"""Fewest scenes of a batch. Four pendulums take .5 to 1.5 of the time that they take alone, which
-is least for thousands of steps without damping; 16 take .1 to .5."""
 MOST_TOGETHER = 512
 """Most members that are stepped together: more would not stay in the cache."""
 
@@ -155,10 +151,9 @@ def integrate_members(
     """Integrate every scene by one method, those of one kind (:func:`batch_kind`) as one batch.
 
     Arguments are those of :func:`integrate`, the same for all; `steps` may be one for each scene,
-    and so are the requested outputs `observe`, which have the same formulas. Scenes with impacts or
-    diagnostics are integrated individually. Returns one trajectory per scene, in order, with its
-    own status: the result of :func:`integrate` to round-off. Run times are equal shares of those of
-    the batch.
+    and so are the requested outputs `observe`, which have the same formulas. Scenes with impacts
+    are integrated individually. Returns one trajectory per scene, in order, with its own status:
+    the result of :func:`integrate` to round-off. Run times are equal shares of those of the batch.
 
     Raises
     ------
@@ -167,66 +162,66 @@ def integrate_members(
     """
     method = as_method(method)
     each = list(steps) if isinstance(steps, Sequence) else [steps] * len(scenes)
-    requests = observe or [Observations()] * len(scenes)
+    requests = list(observe) or [Observations()] * len(scenes)
     is_observed = any(not one.is_empty for one in requests)
     if is_observed:
         check_observable(method)
     for one in each:
         _check_counts(1 if isinstance(one, Mesh | AdaptiveSteps) else one, every)
+    kinds: dict[Hashable, list[int]] = {}
+    for place, (scene, own, request) in enumerate(zip(scenes, each, requests, strict=True)):
+        kind = None
+        if len(scenes) > 1 and isinstance(method, Method) and not request.impacts:
+            kind = batch_kind(scene, method, own)
+        kinds.setdefault(("alone", place) if kind is None else kind, []).append(place)
     found: dict[int, Trajectory] = {}
-    impacted: dict[int, Impacted] = {}
-    is_individual = diagnostics or any(one.impacts for one in requests)
-    groups = [[k] for k in range(len(scenes))]
-    are_alike = len({id(one) if isinstance(one, Mesh) else one for one in each}) == 1
-    if are_alike and not is_individual and isinstance(method, Method):
-        groups = group(scenes, method, each[0])
-    for places in groups:
-        first, own = places[0], [scenes[k] for k in places]
-        keeps = with_steps or is_observed
-        if (
-            len(places) > 1
-            and isinstance(method, Method)
-            and not isinstance(each[0], AdaptiveSteps)
-        ):
-            runs = integrate_batch(own, method, each[0], every=every, with_steps=keeps)
-            found.update(zip(places, runs, strict=True))
-        elif requests[first].impacts and isinstance(method, Method):
-            n_steps = each[first]
-            if isinstance(n_steps, Mesh | AdaptiveSteps):
-                raise ValueError("impacts: steps are cut where these are; give a number of steps")
-            run, impacted[first] = integrate_with_impacts(
-                own[0], method, n_steps, requests[first], diagnostics=diagnostics
+    for places in kinds.values():
+        together = max(1, MOST_TOGETHER // _width(scenes[places[0]]))
+        for first in range(0, len(places), together):
+            part = places[first : first + together]
+            members, asked = [scenes[k] for k in part], [requests[k] for k in part]
+            runs = _integrated(
+                members,
+                method,
+                each[part[0]],
+                asked[0],
+                every=every,
+                diagnostics=diagnostics,
+                with_steps=with_steps or is_observed,
             )
-            found[first] = thinned(run, every)
-        else:
-            found[first] = _integrate(own[0], method, each[first], every, diagnostics, keeps)
-    runs = [found[k] for k in range(len(scenes))]
-    if is_observed:
-        runs = observe_runs(scenes, method, runs, requests, impacted)
+            if is_observed:
+                runs = observe_runs(members, method, runs, asked)
+            found.update(zip(part, runs, strict=True))
     return [
-        replace(run, coordinates=one.coordinates, steps=run.steps if with_steps else None)
-        for run, one in zip(runs, requests, strict=True)
+        replace(
+            found[place],
+            coordinates=request.coordinates,
+            steps=found[place].steps if with_steps else None,
+        )
+        for place, request in enumerate(requests)
     ]
 
 
-def _integrate(
-    scene: Scene,
+def _integrated(
+    scenes: Sequence[Scene],
     method: AnyMethod,
     steps: AnySteps,
+    request: Observations,
+    *,
     every: int,
     diagnostics: bool,
     with_steps: bool,
-) -> Trajectory:
-    """The run of one scene without impacts."""
-    if scene.prescribed is not None:
+) -> list[Trajectory]:
+    """The runs of one scene, or of a batch."""
+    first = scenes[0]
+    if first.prescribed is not None:
         if diagnostics:
             raise ValueError("diagnostics: the motion is given; it has no energy and no momentum")
-        return material_response(scene, method, steps, every=every, with_steps=with_steps)
-    if reason := law_objection(scene, method):
+        return [material_response(first, method, steps, every=every, with_steps=with_steps)]
+    if reason := law_objection(first, method):
         raise ValueError(f"method: {reason}")
-    is_number = not isinstance(steps, Mesh | AdaptiveSteps)
     if isinstance(method, Baseline) or not method.is_runge_kutta:
-        if not is_number:
+        if isinstance(steps, Mesh | AdaptiveSteps):
             raise ValueError(
                 f"mesh: {method.label} takes equal steps only; give a number, "
                 "or take rk: gauss with start: none"
@@ -236,35 +231,22 @@ def _integrate(
                 f"with_steps: {method.label} has no polynomials to keep; "
                 "take rk: gauss, such as gauss3"
             )
-    if isinstance(method, Method):
-        (found,) = integrate_scenes(
-            [scene],
-            method,
-            steps if isinstance(steps, AdaptiveSteps) else mesh_for(scene, method, steps),
-            every=every,
-            diagnostics=diagnostics,
-            with_steps=with_steps,
-        )
-        return found
-    if diagnostics:
-        raise ValueError(f"diagnostics: {method.label} keeps no increments of its steps")
-    assert not isinstance(steps, Mesh | AdaptiveSteps)
-    try:
-        return thinned(integrate_baseline(scene, method, steps), every)
-    except np.linalg.LinAlgError:
-        # singular equations, as with negative stiffness: the start only
-        position, velocity = scene.initial_position[None], scene.initial_velocity[None]
-        momentum = scene.momentum(position, velocity, np.zeros(1))
-        return Trajectory(
-            time=np.zeros(1),
-            position=position,
-            momentum=momentum,
-            energy=scene.energy(position, momentum, np.zeros(1)),
-            n_steps=steps,
-            step_size=scene.final_time / steps,
-            status="failed",
-            message=str(no_unique_solution(scene.final_time / steps)),
-        )
+        if isinstance(method, Baseline):
+            if diagnostics:
+                raise ValueError(f"diagnostics: {method.label} keeps no increments of its steps")
+            return [thinned(integrate_baseline(first, method, steps), every)]
+    if request.impacts:
+        if isinstance(steps, Mesh | AdaptiveSteps):
+            raise ValueError("impacts: steps are cut where these are; give a number of steps")
+        return [
+            integrate_with_impacts(
+                first, method, steps, request, every=every, diagnostics=diagnostics
+            )
+        ]
+    chosen = steps if isinstance(steps, AdaptiveSteps) else mesh_for(first, method, steps)
+    return integrate_scenes(
+        scenes, method, chosen, every=every, diagnostics=diagnostics, with_steps=with_steps
+    )
 
 
 def method_on(method: AnyMethod | str, steps: AnySteps) -> AnyMethod:
@@ -291,42 +273,9 @@ def _check_counts(n_steps: object, every: object) -> None:
 # batches
 
 
-def integrate_batch(
-    scenes: Sequence[Scene],
-    method: Method,
-    steps: int | Mesh,
-    *,
-    every: int = 1,
-    with_steps: bool = False,
-) -> list[Trajectory]:
-    """Integrate scenes of one kind, as many at a time as stay in the cache."""
-    mesh, width = mesh_for(scenes[0], method, steps), _width(scenes[0])
-    found: list[Trajectory] = []
-    together = max(1, MOST_TOGETHER // width)
-    for first in range(0, len(scenes), together):
-        part = scenes[first : first + together]
-        found += integrate_scenes(part, method, mesh, every=every, with_steps=with_steps)
-    return found
-
-
-def group(scenes: Sequence[Scene], method: Method, steps: AnySteps) -> list[list[int]]:
-    """Places of the scenes that are integrated together; a single place for individual scenes."""
-    alone = [[place] for place in range(len(scenes))]
-    if len(scenes) == 1 or isinstance(steps, AdaptiveSteps):
-        return alone
-    kinds: dict[Hashable, list[int]] = {}
-    for place, scene in enumerate(scenes):
-        kind = batch_kind(scene, method, steps)
-        kinds.setdefault(("alone", place) if kind is None else kind, []).append(place)
-    found: list[list[int]] = []
-    for places in kinds.values():
-        found += [places] if len(places) >= FEWEST else [alone[place] for place in places]
-    return found
-
-
-def batch_kind(scene: Scene, method: Method, steps: int | Mesh) -> Hashable | None:
+def batch_kind(scene: Scene, method: Method, steps: AnySteps) -> Hashable | None:
     """A key, equal for scenes of one batch; None: the scene is integrated individually."""
-    if scene.is_sparse or scene.prescribed is not None:
+    if scene.is_sparse or scene.prescribed is not None or isinstance(steps, AdaptiveSteps):
         return None
     memory: Hashable = any(term.order != 1 for term in scene.active_damping)
     if not method.is_runge_kutta:
@@ -348,6 +297,7 @@ def batch_kind(scene: Scene, method: Method, steps: int | Mesh) -> Hashable | No
     if method.start == "graded":
         powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
     return (
+        id(steps) if isinstance(steps, Mesh) else steps,
         *(scene.dimension, width, scene.final_time, scene.break_points, scene.derivative),
         *(_formulas_of(scene.lagrangian or scene.potential), powers, memory),
         pattern_of(scene),

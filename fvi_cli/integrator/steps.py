@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, Stretch
 from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -65,8 +65,11 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        found = self.position_in(*self.located(time))
-        return found.reshape(*np.shape(time), self.position.shape[1])
+        steps, tau = self.located(time)
+        basis = lobatto_basis(self.tables.degree).values(tau)[1:]
+        displacement = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
+        found = self.position[steps] + self.step_size[steps, None] * displacement
+        return np.asarray(found.reshape(*np.shape(time), -1))
 
     def velocity_at(self, time: ArrayLike) -> Array:
         """Velocity at any times of the run, shape ``(...)`` to ``(..., d)``.
@@ -76,19 +79,10 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        found = self.velocity_in(*self.located(time))
-        return found.reshape(*np.shape(time), self.position.shape[1])
-
-    def position_in(self, steps: Places, tau: Array) -> Array:
-        """Positions at places from 0 to 1 of steps, shape ``(k, d)``."""
-        basis = lobatto_basis(self.tables.degree).values(tau)[1:]
-        displacement = np.einsum("sk,ksd->kd", basis, self.unknowns[steps])
-        return np.asarray(self.position[steps] + self.step_size[steps, None] * displacement)
-
-    def velocity_in(self, steps: Places, tau: Array) -> Array:
-        """Velocities at places from 0 to 1 of steps, shape ``(k, d)``."""
+        steps, tau = self.located(time)
         slopes = lobatto_basis(self.tables.degree).derivatives(tau)[1:]
-        return np.asarray(np.einsum("sk,ksd->kd", slopes, self.unknowns[steps]))
+        found = np.einsum("sk,ksd->kd", slopes, self.unknowns[steps])
+        return np.asarray(found.reshape(*np.shape(time), -1))
 
     def momenta_of_polynomials(self, scene: Scene) -> Array:
         r"""Momenta at the points from the velocities at the ends of the steps, ``(n + 1, d)``.
@@ -115,8 +109,7 @@ class RunSteps:
         ValueError
             For times outside of the run.
         """
-        at_times = np.asarray(time, dtype=float)
-        flat = at_times.ravel()
+        flat = np.asarray(time, dtype=float).ravel()
         slack = 1e-12 * (self.time[-1] - self.time[0])
         if flat.size and not (self.time[0] <= flat.min() and flat.max() <= self.time[-1] + slack):
             span = " to ".join(dict.fromkeys(f"{t:g}" for t in (flat.min(), flat.max())))
@@ -146,7 +139,8 @@ class RunSteps:
 
         At the breaks the motion may be singular.
         """
-        fresh = np.isin(self.time, [0.0, *breaks])
+        away = np.abs(self.time[:, None] - np.array([0.0, *breaks]))
+        fresh = np.any(away <= ON_GRID * self.time[:, None], axis=1)
         edges = 1 + np.flatnonzero((np.diff(self.step_size) != 0.0) | fresh[1:-1])
         stretches = [
             Stretch(

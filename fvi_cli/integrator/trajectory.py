@@ -10,7 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 
@@ -136,8 +135,6 @@ class Trajectory:
         Number N of reported steps, and h = T / N.
     status, message
         Status of the run, and in words what happened if it is not ``ok``.
-    failure
-        The failure with reason, step and time as fields; None if ``ok``, or read from a file.
     history_operations
         Multiply-adds (weight times sample) spent on the memory.
     newton
@@ -172,7 +169,6 @@ class Trajectory:
     energy: Array | None = None
     status: Status = "ok"
     message: str = ""
-    failure: Failure | None = None
     history_operations: int = 0
     newton: NewtonRecord = field(default_factory=NewtonRecord)
     setup_seconds: float = 0.0

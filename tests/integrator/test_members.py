@@ -15,7 +15,7 @@ from written_out import every_lag_written_out
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import group, integrate, integrate_batch, integrate_members
+from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_members
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.scenes.data import duffing
@@ -63,16 +63,11 @@ def check_alone(scenes: list[Scene], method: AnyMethod, n_steps: int) -> list[st
 
 def companions(scenes, method, n_steps):
     """How many scenes the batch of each scene has."""
-    found = [1] * len(scenes)
-    for places in group(scenes, method, n_steps):
-        for place in places:
-            found[place] = len(places)
-    return found
+    kinds = [batch_kind(scene, method, n_steps) for scene in scenes]
+    return [1 if kind is None else kinds.count(kind) for kind in kinds]
 
 
 def test_who_goes_together():
-    few = [*springs(3, 0.5), *swings(3, 0.5)]
-    assert companions(few, GAUSS2, 40) == [1] * 6
     many = [*springs(4, 0.5), *swings(16, 0.5), *springs(1, 0.5, forcing=FORCE)]
     assert companions(many, GAUSS2, 40) == [4] * 4 + [16] * 16 + [1]
     # a break point on the grid or not: the mesh is the same for all that have it
@@ -81,7 +76,7 @@ def test_who_goes_together():
     mixed = [*plain, *springs(5, 0.7), replace(plain[0], final_time=5.0)]
     assert companions(mixed, BDF2, 64) == [4] * 4 + [5] * 5 + [1]
     other = [*plain[:3], replace(plain[3], derivative="riemann-liouville")]
-    assert companions(other, BDF2, 64) == [1] * 4
+    assert companions(other, BDF2, 64) == [3] * 3 + [1]
 
 
 def test_orders_of_their_own_share_the_states_but_not_a_graded_start():
@@ -116,7 +111,7 @@ def test_methods_that_take_members_one_by_one(method):
 
 def test_more_than_are_stepped_together():
     scenes = springs(520, 0.5)
-    whole, part = integrate_batch(scenes, BDF2, 16), integrate_batch(scenes[505:515], BDF2, 16)
+    whole, part = integrate_members(scenes, BDF2, 16), integrate_members(scenes[505:515], BDF2, 16)
     for one, other in zip(whole[505:515], part, strict=True):
         assert np.abs(one.position - other.position).max() <= 1e-13
 
@@ -163,8 +158,8 @@ def test_those_that_end_early_do_not_disturb_the_others(scenes, method, n_steps)
     found = check_alone(scenes, method, n_steps)
     assert {"ok"} < set(found) <= {"ok", "failed"}
     calm = [scene for scene, status in zip(scenes, found, strict=True) if status == "ok"]
-    runs = [one for one in integrate_batch(scenes, method, n_steps) if one.status == "ok"]
-    for one, other in zip(integrate_batch(calm, method, n_steps), runs, strict=True):
+    runs = [one for one in integrate_members(scenes, method, n_steps) if one.status == "ok"]
+    for one, other in zip(integrate_members(calm, method, n_steps), runs, strict=True):
         assert np.abs(one.position - other.position).max() <= 1e-12
 
 

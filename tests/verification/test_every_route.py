@@ -17,7 +17,7 @@ from spread import spread
 from written_out import every_lag_written_out, integrate_written_out
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_batch, integrate_members
+from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_members
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.integrator.run import loop
@@ -194,9 +194,9 @@ def check_company(case: Case) -> None:
     if kind is None:
         return
     scenes = [one for one in case.scenes if batch_kind(one, case.method, case.n_steps) == kind]
-    together = integrate_batch(scenes, case.method, case.n_steps)
+    together = integrate_members(scenes, case.method, case.n_steps)
     for places in ([0], [-1, 0], [*range(len(scenes))] * 2):
-        packed = integrate_batch([scenes[k] for k in places], case.method, case.n_steps)
+        packed = integrate_members([scenes[k] for k in places], case.method, case.n_steps)
         for place, one in zip(places, packed, strict=True):
             check_same(case, together[place], one, place)
 

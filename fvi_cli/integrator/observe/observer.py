@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -26,26 +26,17 @@ from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Impacted:
-    """What impacts say of a run: their times by name, and the surface on which it came to rest."""
-
-    times: Mapping[str, Array]
-    rests_on: str = ""
-
-
 def observe_runs(
     scenes: Sequence[Scene],
     method: AnyMethod,
     runs: Sequence[Trajectory],
     requests: Sequence[Observations],
-    impacts: Mapping[int, Impacted] | None = None,
 ) -> list[Trajectory]:
     """The requested outputs of finished runs by one method with their steps.
 
     Every run ends at the first event that stops it, and is reported at the requested times.
     Formulas and the directions of events are those of the first member; values of the names in
-    them are each member's own. Impacts, by the number of the run, are reported like events.
+    them are each member's own. Impacts that a run has are reported like events.
 
     Raises
     ------
@@ -75,12 +66,7 @@ def observe_runs(
         steps = [one.steps for k in members if (one := runs[k]).steps is not None]
         motion = Motion(own, steps, partial(forces_along, own, method, steps))
         observer = Observer(motion, [requests[k] for k in members])
-        impacted = {
-            place: impacts[k] for place, k in enumerate(members) if impacts and k in impacts
-        }
-        found.update(
-            zip(members, observer.observe([runs[k] for k in members], impacted), strict=True)
-        )
+        found.update(zip(members, observer.observe([runs[k] for k in members]), strict=True))
     return [found[index] for index in range(len(runs))]
 
 
@@ -150,9 +136,7 @@ class Observer:
             values[name] = row.reshape(tau.shape)
         return values
 
-    def observe(
-        self, runs: Sequence[Trajectory], impacts: Mapping[int, Impacted]
-    ) -> list[Trajectory]:
+    def observe(self, runs: Sequence[Trajectory]) -> list[Trajectory]:
         """Requested outputs of each run, as :func:`observe_runs`."""
         motion, first = self.motion, self.requests[0]
         members = [
@@ -161,11 +145,10 @@ class Observer:
         ]
         for name, event in first.events.items():
             self._find(name, event, members)
-        for index, impacted in impacts.items():
-            members[index].stopped_by = impacted.rests_on
-            for name, time in impacted.times.items():
-                found = self._occurrences(*motion.located(index, time))
-                members[index].events[name] = replace(found, time=time)
+        for one in members:
+            if one.run.observed is not None:
+                one.events |= one.run.observed.events
+                one.stopped_by = one.run.observed.stopped_by
         at = []
         for index, one in enumerate(members):
             self._stop(index, one)
@@ -248,7 +231,6 @@ class Observer:
             energy=join(run.energy, energy),
             status="ok",
             message="",
-            failure=None,
             remarks=(
                 *run.remarks,
                 f"stopped by the event {member.stopped_by} at t = {end:.10g}",

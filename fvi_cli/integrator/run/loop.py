@@ -2,18 +2,81 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
 import numpy as np
 
 from fvi_cli.integrator.engine.blocks import advance, block_length
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import DOUBLINGS, Recurrence
-from fvi_cli.integrator.engine.state import State
+from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.recorder import Recorder, Solved
-from fvi_cli.integrator.run.sources import MeshSource, Proposal, Source
 from fvi_cli.mathematics.arrays import Array
 
 CHUNK, LARGEST_CHUNK = 16384, 2**17
 """Most steps whose loads are computed together, and most numbers in their positions."""
+
+
+class Proposal(NamedTuple):
+    """The steps of a stretch behind those that are done; any number of them may be done next."""
+
+    stretch: Stretch
+    done: int = 0
+
+
+class Source(Protocol):
+    """Steps for the loop."""
+
+    failure: str  # why it proposes no more steps; empty: all are done
+
+    @property
+    def n_steps(self) -> int:
+        """Number of the steps that are reported."""
+
+    @property
+    def rejected(self) -> int:
+        """Number of rejected steps."""
+
+    @property
+    def pushes(self) -> Sequence[Array]:
+        """Changes of the momentum by impacts at every point, ``(d,)``; empty without surfaces."""
+
+    def propose(self, engine: Engine, state: State) -> Proposal | None:
+        """The next steps; None at the end."""
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The time at the end of solved steps that begin at `state`; None rejects them."""
+
+
+class MeshSource:
+    """The stretches of a mesh, one after the other; no step is rejected."""
+
+    failure, rejected, pushes = "", 0, ()
+
+    def __init__(self, mesh: Mesh) -> None:
+        self._mesh, self.n_steps = mesh, mesh.n_reported
+        self._stretch = self._done = 0
+
+    def propose(self, engine: Engine, state: State) -> Proposal | None:
+        """The remaining steps of a stretch."""
+        if self._stretch == len(self._mesh.stretches):
+            return None
+        return Proposal(self._mesh.stretches[self._stretch], self._done)
+
+    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
+        """The time at the end of the steps."""
+        return self.accept(steps.count)
+
+    def accept(self, count: int) -> float:
+        """Accept the next steps; the time at their end, which is exact where a stretch ends."""
+        one = self._mesh.stretches[self._stretch]
+        self._done += count
+        if self._done < one.n_steps:
+            return one.begin + self._done * one.step_size
+        self._stretch, self._done = self._stretch + 1, 0
+        return one.end
 
 
 def chunk_steps(dimension: int) -> int:
@@ -24,60 +87,40 @@ def chunk_steps(dimension: int) -> int:
     return most
 
 
-def run(engine: Engine, source: Source, state: State, recorder: Recorder) -> None:
-    """Get proposals of steps, solve them, and let the source judge them.
+def march(engine: Engine, source: Source, recorder: Recorder) -> None:
+    """Get proposals of steps, solve them, and let the source judge them and the recorder keep them.
 
-    The state moves to the end, or to where the last scene has stopped.
+    It ends where the source does, or where the last scene has stopped.
     """
-    chunk = chunk_steps(engine.q * engine.e)
+    state, chunk = engine.start(), chunk_steps(engine.q * engine.e)
     recurrence: Recurrence | None = None
     with np.errstate(all="ignore"):
         while len(recorder.failures) < len(engine.scenes):
-            proposal = source.propose()
+            proposal = source.propose(engine, state)
             if proposal is None:
-                if source.failure is not None:
-                    recorder.stop(source.failure)
                 break
-            count, h = min(proposal.n_steps, chunk), proposal.h
-            if proposal.is_fresh:
+            stretch, done = proposal
+            h, count = stretch.step_size, min(stretch.n_steps - done, chunk)
+            state.t, is_fresh = stretch.begin + done * h, stretch.is_fresh and not done
+            if is_fresh:
                 state.unknowns = state.rest = None
-            state.t, block = proposal.begin, block_length(engine, proposal.total)
-            loads = engine.loads(state.t, h, count, is_fresh=proposal.is_fresh)
-            groups = count // block >> DOUBLINGS
-            if isinstance(source, MeshSource) and Recurrence.is_quicker(
-                engine, block, groups << DOUBLINGS
-            ):
+            loads = engine.loads(state.t, h, count, is_fresh=is_fresh)
+            block = block_length(engine, stretch.n_steps)
+            blocks = (count // block >> DOUBLINGS) << DOUBLINGS
+            found = None
+            if isinstance(source, MeshSource) and Recurrence.is_quicker(engine, block, blocks):
                 if recurrence is None or (recurrence.h, recurrence.count) != (h, block):
                     recurrence = Recurrence(engine, h, block)
-                done = _run_blocks(recurrence, source, state, recorder, proposal, loads, groups)
-                proposal, count = proposal.behind(done), count - done
-                loads = None if loads is None else loads[:, done:]
-            _run_steps(engine, source, state, recorder, proposal, count, block, loads)
+                own = None if loads is None else loads[:, : blocks * block]
+                found = recurrence.run(state, blocks, own, with_unknowns=recorder.with_steps)
+                if found is not None:
+                    state.t = source.accept(blocks * block)
+                    recorder.add(Solved(stretch, done, state.t, *found))
+            if found is None:
+                _run_steps(engine, source, state, recorder, proposal, count, block, loads)
             if recorder.is_full:
                 recorder.flush(state)
-        recorder.flush(state)
-        recorder.finish()
-
-
-def _run_blocks(
-    recurrence: Recurrence,
-    source: MeshSource,
-    state: State,
-    recorder: Recorder,
-    proposal: Proposal,
-    loads: Array | None,
-    groups: int,
-) -> int:
-    """Do blocks of the proposed steps at once; the number of steps, 0 where they overflow."""
-    blocks = groups << DOUBLINGS
-    n = blocks * recurrence.count
-    own = None if loads is None else loads[:, :n]
-    found = recurrence.run(state, blocks, own, with_unknowns=recorder.with_steps)
-    if found is None:
-        return 0
-    state.t = source.accept(n)
-    recorder.add(Solved(proposal, state.t, *found))
-    return n
+        recorder.finish(state, source.failure)
 
 
 def _run_steps(
@@ -91,10 +134,10 @@ def _run_steps(
     loads: Array | None,
 ) -> None:
     """Do `count` of the proposed steps, or those before one that is rejected."""
-    done = 0
+    (stretch, first), done = proposal, 0
     while done < count and state.live.any():
         own = None if loads is None else loads[:, done:]
-        steps = advance(engine, state, proposal.h, count - done, block, own)
+        steps = advance(engine, state, stretch.step_size, count - done, block, own)
         recorder.count(steps)
         end = source.judge(engine, state, steps)
         if end is None:
@@ -102,6 +145,6 @@ def _run_steps(
         recorder.note(state, steps)
         x, p = state.x[:, None] + steps.dx, state.p[:, None] + steps.dp
         u = steps.unknowns if recorder.with_steps else None
-        recorder.add(Solved(proposal.behind(done), end, x, p, u))
+        recorder.add(Solved(stretch, first + done, end, x, p, u))
         engine.accept(state, steps, end)
         done += steps.count

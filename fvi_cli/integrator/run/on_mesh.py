@@ -6,26 +6,23 @@ import itertools
 import math
 import time as clock
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.balances import diagnose
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps
+from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps, StepController
 from fvi_cli.integrator.meshes.graded import graded_start_mesh, start_power
-from fvi_cli.integrator.meshes.mesh import (
-    ON_GRID,
-    Mesh,
-    misplaced_break_point,
-    uniform_mesh,
-)
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, misplaced_break_point, uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.adaptive import AdaptiveSource, step_controller
+from fvi_cli.integrator.run.adaptive import AdaptiveSource
+from fvi_cli.integrator.run.loop import MeshSource, Source, march
 from fvi_cli.integrator.run.recorder import Recorder
-from fvi_cli.integrator.run.scenes_run import ScenesRun, has_rough_momenta, trajectory_of
-from fvi_cli.integrator.run.sources import MeshSource, Source
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 from fvi_cli.mathematics.threads import in_one_thread
 
 AnySteps = int | Mesh | AdaptiveSteps
@@ -65,7 +62,12 @@ def engine_for(scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSt
         of degree 2 or more.
     """
     if isinstance(steps, AdaptiveSteps):
-        shortest = step_controller(scenes[0], method, steps).shortest_step
+        if method.cq != "gauss" or method.degree < 2:
+            raise ValueError(
+                "mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
+                f"for {method.label}"
+            )
+        shortest = StepController(steps, scenes[0], method.degree).shortest_step
         return Engine(scenes, method, shortest_step=shortest, steps=MOST_SHORTEST, is_single=True)
     sizes = [one.step_size for one in steps.stretches]
     if not method.is_runge_kutta and max(sizes) - min(sizes) > ON_GRID * min(sizes):
@@ -77,65 +79,6 @@ def engine_for(scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSt
         steps=steps.equivalent_steps,
         n_steps=steps.n_steps,
     )
-
-
-def prepare(
-    scenes: Sequence[Scene],
-    method: Method,
-    steps: Mesh | AdaptiveSteps,
-    *,
-    every: int = 1,
-    with_steps: bool = False,
-    engine: Engine | None = None,
-) -> ScenesRun:
-    """Prepare a run up to its first step, including corrections of the start.
-
-    Raises
-    ------
-    ValueError
-        For starting weights with a general Lagrangian, and as for :func:`engine_for`.
-    """
-    engine = engine or engine_for(scenes, method, steps)
-    mesh = None
-    source: Source
-    if isinstance(steps, Mesh):
-        mesh, source = steps, MeshSource(steps)
-    else:
-        source = AdaptiveSource(scenes[0], method, steps)
-    if mesh and method.start == "weights" and scenes[0].active_damping:
-        _add_starting_weights(engine, mesh)
-    recorder = Recorder(
-        engine,
-        every=every,
-        with_steps=with_steps,
-    )
-    return ScenesRun(engine, source, recorder, mesh)
-
-
-def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
-    """Add the force of the starting weights of one scene to its loads."""
-    # most runs need no scipy.special
-    from fvi_cli.integrator.starting_weights import starting_loads
-
-    (scene,), tables = engine.scenes, engine.tables
-    h = scene.final_time / mesh.n_steps
-    fresh = set(itertools.accumulate((one.n_steps for one in mesh.stretches), initial=0))
-
-    def first_samples(loads: Array, n_steps: int) -> Array:
-        state = engine.start()
-        found = np.empty((n_steps, tables.sample_points.size, scene.dimension))
-        for index in range(n_steps):
-            own = engine.member_forces([loads[index : index + 1]])
-            known = engine.loads(index * h, h, 1, is_fresh=index in fresh)
-            steps = engine.solve(state, h, 1, own if known is None else known + own)
-            inside = h * np.matmul(tables.sample_basis[1:].T, steps.unknowns[:, 0])
-            place = engine.scene_positions(state.x[:, None] + inside)[0]
-            found[index] = place - scene.initial_position
-            engine.accept(state, steps, (index + 1) * h)
-        return found
-
-    loads = starting_loads(scene, engine.method, mesh.n_steps, first_samples)
-    engine.loads_of[0].add(loads)
 
 
 @in_one_thread
@@ -163,30 +106,152 @@ def integrate_scenes(
         If there is no room for the points that are kept.
     """
     began, first = clock.perf_counter(), scenes[0]
-    keeps = with_steps or diagnostics or has_rough_momenta(first, method)
     if isinstance(steps, Mesh):
-        _check_mesh(steps, first)
+        if not math.isclose(steps.final_time, first.final_time, rel_tol=1e-12):
+            words = f"it ends at {steps.final_time:g}, the run at {first.final_time:g}"
+            raise ValueError(f"mesh: {words}")
+        steps.check_breaks(first.break_points)
         # a run without memory for its points fails here: later, a library may end the process
         np.empty((steps.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
-    this = prepare(scenes, method, steps, every=every, with_steps=keeps, engine=engine)
-    this.begin()
-    ready = clock.perf_counter()
-    seconds = this.march()
-    share = 1.0 / len(scenes)
-    return [
-        trajectory_of(
-            this,
-            index,
-            every,
-            diagnostics,
-            with_steps=with_steps,
-            seconds=(share * (ready - began), share * seconds),
+    engine = engine or engine_for(scenes, method, steps)
+    source: Source
+    if isinstance(steps, AdaptiveSteps):
+        source = AdaptiveSource(first, method, steps)
+    else:
+        source = MeshSource(steps)
+        if method.start == "weights" and first.active_damping:
+            _add_starting_weights(engine, steps)
+    return run_through(
+        engine, source, began, every=every, diagnostics=diagnostics, with_steps=with_steps
+    )
+
+
+def run_through(
+    engine: Engine,
+    source: Source,
+    began: float,
+    *,
+    every: int = 1,
+    diagnostics: bool = False,
+    with_steps: bool = False,
+) -> list[Trajectory]:
+    """Do the steps of a source; `began` is the time of a clock where their preparation began."""
+    # above order 1 velocities begin like a power of t behind such loads, and so do momenta
+    is_rough = engine.method.cq == "gauss" and any(
+        one.acts_above_order_1 and (one.initial_loads or source.pushes) for one in engine.scenes
+    )
+    recorder = Recorder(engine, every=every, with_steps=with_steps or diagnostics or is_rough)
+    ready, share = clock.perf_counter(), 1.0 / len(engine.scenes)
+    march(engine, source, recorder)
+    seconds = share * (ready - began), share * (clock.perf_counter() - ready)
+    found = []
+    for index, scene in enumerate(engine.scenes):
+        time, position, momentum = recorder.points(index)
+        steps = recorder.steps(index) if recorder.with_steps else None
+        if steps is not None and (is_rough or source.pushes):
+            if source.pushes:
+                jump = np.array(source.pushes[: steps.n_steps + 1])
+                steps = replace(steps, momentum=steps.momentum + jump, jump=jump)
+            if is_rough:
+                steps = replace(steps, momentum=steps.momenta_of_polynomials(scene))
+            momentum = steps.momentum[np.searchsorted(steps.time, time)]
+        energy, end, failure = _energies(scene, time, position, momentum)
+        failure = failure or recorder.failures.get(index, "")
+        if steps is not None and end < time.size:
+            # ends of the shortest steps may be equal to the last bit
+            is_whole = steps.time.size == time.size
+            kept = end - 1 if is_whole else int(np.searchsorted(steps.time, time[end - 1]))
+            steps = steps.first(kept)
+        n_steps = source.n_steps
+        if isinstance(source, AdaptiveSource) and steps is not None:
+            n_steps = steps.n_steps
+        time, position, momentum = time[:end], position[:end], momentum[:end]
+        works = None
+        if steps is not None and diagnostics and steps.n_steps:
+            with np.errstate(all="ignore"):
+                works = diagnose(scene, engine.method, steps, engine.loads_of[index])
+            works = works.at(np.searchsorted(steps.time, time))
+        damping, done = engine.damping, recorder.steps_done(index) * engine.width
+        found.append(
+            Trajectory(
+                time=time,
+                position=position,
+                momentum=momentum,
+                energy=energy,
+                n_steps=n_steps,
+                step_size=scene.final_time / max(n_steps, 1),
+                status="failed" if failure else "ok",
+                message=failure,
+                history_operations=0 if damping is None else done * damping.operations_per_step,
+                newton=recorder.newton(index),
+                setup_seconds=seconds[0],
+                stepping_seconds=seconds[1],
+                every=every,
+                diagnostics=works,
+                steps=steps if with_steps else None,
+                rejected=source.rejected,
+            )
         )
-        for index in range(len(scenes))
-    ]
+    return found
 
 
-def _check_mesh(mesh: Mesh, scene: Scene) -> None:
-    if not math.isclose(mesh.final_time, scene.final_time, rel_tol=1e-12):
-        raise ValueError(f"mesh: it ends at {mesh.final_time:g}, the run at {scene.final_time:g}")
-    mesh.check_breaks(scene.break_points)
+def _energies(
+    scene: Scene, time: Array, position: Array, momentum: Array
+) -> tuple[Array, int, str]:
+    """Energies at points, up to where the mass is positive definite and there is an energy.
+
+    Returned are also the number of these points, and why the run ends there.
+    """
+    with np.errstate(all="ignore"):
+        if scene.lagrangian is None:
+            energy, mass = scene.energy(position, momentum, time), None
+        else:
+            velocity = scene.lagrangian.velocity(position, momentum, time)
+            energy = scene.lagrangian.energy(position, velocity, time)
+            mass = scene.lagrangian.derivatives(position, velocity, time).mass
+    # of linear scenes energies overflow where motions are right
+    finite, definite = np.isfinite(energy) | scene.is_linear, np.ones(time.size, dtype=bool)
+    if mass is not None:
+        known = np.isfinite(mass).all(axis=(1, 2))
+        definite[known] = least_scaled_eigenvalue(mass[known]) > 0
+        finite &= known
+    wrong = np.flatnonzero(~(finite & definite))
+    if not wrong.size:
+        return energy, time.size, ""
+    at = int(wrong[0])
+    what = "mass matrix d2L/dv2 is not positive definite"
+    if definite[at]:
+        what = "energy is not finite"
+    near = ", ".join(f"{value:.4g}" for value in position[at])
+    words = f"t = {float(time[at]):.6g}: the {what} near q = [{near}]"
+    # where no velocity is found from the momentum at the start, the start is kept
+    if at == 0 and scene.lagrangian is not None:
+        start = scene.initial_position, scene.initial_velocity
+        energy[0] = scene.lagrangian.energy(*start, 0.0)
+    return energy[: max(at, 1)], max(at, 1), words
+
+
+def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
+    """Add the force of the starting weights of one scene to its loads."""
+    # most runs need no scipy.special
+    from fvi_cli.integrator.starting_weights import starting_loads
+
+    (scene,), tables = engine.scenes, engine.tables
+    h = scene.final_time / mesh.n_steps
+    fresh = set(itertools.accumulate((one.n_steps for one in mesh.stretches), initial=0))
+
+    def first_samples(loads: Array, n_steps: int) -> Array:
+        state = engine.start()
+        found = np.empty((n_steps, tables.sample_points.size, scene.dimension))
+        for index in range(n_steps):
+            own = engine.member_forces([loads[index : index + 1]])
+            known = engine.loads(index * h, h, 1, is_fresh=index in fresh)
+            steps = engine.solve(state, h, 1, own if known is None else known + own)
+            inside = h * np.matmul(tables.sample_basis[1:].T, steps.unknowns[:, 0])
+            place = engine.scene_positions(state.x[:, None] + inside)[0]
+            found[index] = place - scene.initial_position
+            engine.accept(state, steps, (index + 1) * h)
+        return found
+
+    loads = starting_loads(scene, engine.method, mesh.n_steps, first_samples)
+    engine.loads_of[0].add(loads)

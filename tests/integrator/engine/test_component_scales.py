@@ -16,7 +16,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import solve_implicit
 from fvi_cli.integrator.engine import newton
 from fvi_cli.integrator.failure import StepFailedError
-from fvi_cli.integrator.integrate import integrate, integrate_batch
+from fvi_cli.integrator.integrate import integrate, integrate_members
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 
@@ -81,7 +81,7 @@ def test_members_of_a_batch(ratio, method):
         scene("vx**2/2 + cos(x) + vy**2/2 + cos(y)", ("x", 1, 0), ("y", size, 0))
         for size in (1e-6, 3.0)
     ]
-    found = integrate_batch([others[0], both, others[1]], method, 60)[1]
+    found = integrate_members([others[0], both, others[1]], method, 60)[1]
     expected = integrate(alone, method, 60)
     assert found.position[:, place] == pytest.approx(expected.position[:, 0], abs=2e-12)
 
@@ -97,7 +97,7 @@ def test_a_scale_for_all_is_seen():
     both, alone, _ = pair("linear beside a pendulum", 1e9, small_first=False)
     with patch.object(newton, "largest", joint):
         found = integrate(both, METHODS[0], 400)
-        members = integrate_batch([both, both], METHODS[0], 9)
+        members = integrate_members([both, both], METHODS[0], 9)
     expected = integrate(alone, METHODS[0], 400)
     assert np.abs(found.position[:, 1] - expected.position[:, 0]).max() > 1e-8
     expected = integrate(alone, METHODS[0], 9)

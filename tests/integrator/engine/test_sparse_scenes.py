@@ -23,7 +23,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.reach import find_damper_forms
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import mesh_for, prepare
+from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.integrator.stability.prediction import predict_stability
 from fvi_cli.scenes.chains import springs_form
 from fvi_cli.scenes.registry import build_scene
@@ -113,8 +113,8 @@ def test_turned_coordinates_of_large_scenes_turn_the_motion(degree):
 
 def test_states_stand_on_directions_and_not_on_degrees_of_freedom():
     scene = row_of_masses(300, sparse=True, orders=(0.5,))
-    prepared = prepare([scene], GAUSS, mesh_for(scene, GAUSS, 200))
-    assert prepared.state.z.shape == (1, prepared.engine.n_states, 3)
+    engine = engine_for([scene], GAUSS, mesh_for(scene, GAUSS, 200))
+    assert engine.start().z.shape == (1, engine.n_states, 3)
 
 
 def test_terms_on_overlapping_directions_share_their_forms():

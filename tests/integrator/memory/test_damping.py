@@ -135,12 +135,12 @@ def test_forces_of_dampers_add_up_and_their_work_is_stored_or_lost(name, case, n
     rng = np.random.default_rng(n)
     whole = damping_on(scene, method, sizes)
     inputs = rng.normal(size=(1, n, whole.tables(sizes[0], 1).kernels.n_inputs, 3))
-    total = DampingAlong(damping=whole, step_sizes=sizes, inputs=inputs).forces().sum(axis=0)
+    total = DampingAlong(damping=whole, step_sizes=sizes, inputs=inputs).forces()
     apart = [
         DampingAlong(damping=damping_on(one, method, sizes), step_sizes=sizes, inputs=inputs)
         for one in alone(scene)
     ]
-    forces = np.concatenate([one.forces() for one in apart])
+    forces = np.stack([one.forces() for one in apart])
     assert len(forces) == len(scene.active_forces) == len(apart)
     assert np.abs(forces.sum(axis=0) - total).max() < 1e-13 * np.abs(forces).max()
     each = [one.stored() for one in apart]
@@ -160,5 +160,5 @@ def test_a_force_of_order_1_is_the_velocity():
     damping = damping_on(chain((1.0, COUPLING)), METHODS["gauss2"], sizes)
     assert damping.n_states == 0
     inputs = np.random.default_rng(0).normal(size=(1, 70, 2, 3))
-    force = DampingAlong(damping=damping, step_sizes=sizes, inputs=inputs).forces()[0]
+    force = DampingAlong(damping=damping, step_sizes=sizes, inputs=inputs).forces()
     np.testing.assert_allclose(force, inputs @ COUPLING, rtol=1e-15)

@@ -6,7 +6,6 @@ from letters import spring
 from spread import spread
 
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.failure import Failure
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Baseline, Method
@@ -26,7 +25,8 @@ def test_an_unstable_run_ends_where_its_numbers_cease_to_be_finite(method, every
     assert np.isfinite(found.position).all()
     # an energy is a square
     assert np.abs(found.position).max() > 1e145
-    assert found.time[-1] < found.failure.time < found.time[-1] + 0.2 * every + 1e-9
+    failed = float(found.message.rpartition("t = ")[2])
+    assert found.time[-1] < failed < found.time[-1] + 0.2 * every + 1e-3
 
 
 @pytest.mark.parametrize("size", [1e-150, 1.0, 1e150])
@@ -36,7 +36,7 @@ def test_large_and_tiny_motions_are_finite(size):
 
 
 class TestFailures:
-    """They carry step, time and reason, the same by every route, whatever points are kept."""
+    """They name step and time, the same by every route, whatever points are kept."""
 
     METHOD = Method(cq="gauss", degree=2)
     SCENE = lagrangian_scene(
@@ -62,7 +62,6 @@ class TestFailures:
             return
         assert found.status == "failed"
         step = round(seen[-1] / times[1])
-        assert found.failure == Failure(str(found.failure), "step failed", step, seen[-1])
         assert f"step {step}, t = {seen[-1]:.6g}: Newton's iteration did not" in found.message
         assert found.time[-1] == pytest.approx(seen[-1], abs=1e-12)
         assert found.time.size == step // every + 1 + (step % every > 0)
@@ -77,12 +76,9 @@ class TestFailures:
             initial_velocity=[0.9],
         )
         found = integrate(scene, self.METHOD, 20_000, every=every)
-        failure, h = found.failure, 4.0 / 20_000
-        assert failure is not None
-        assert failure.time == pytest.approx(2.22, abs=0.02)
-        assert failure.step == round(failure.time / h)
-        assert f"step {failure.step}, t = {failure.time:.6g}: " in found.message
-        assert found.time[-1] == pytest.approx(failure.time, abs=h / 2)
+        time, h = found.time[-1], 4.0 / 20_000
+        assert time == pytest.approx(2.22, abs=0.02)
+        assert f"step {round(time / h)}, t = {time:.6g}: " in found.message
 
     def test_a_singular_step_of_any_stretch_is_a_failure(self):
         # m/h^2 + k/4 = 0 in the last of its steps

@@ -12,7 +12,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.mesh import uniform_mesh
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run import scenes_run
+from fvi_cli.integrator.steps import RunSteps
 
 Array = NDArray[np.float64]
 
@@ -63,7 +63,7 @@ def test_stored_momenta_and_energies_are_those_of_the_motion(derivative, order):
 @pytest.mark.parametrize("order", [1.6, 1.9])
 def test_the_error_is_seen_without(order, monkeypatch):
     """The control: the momenta of the recursion."""
-    monkeypatch.setattr(scenes_run, "has_rough_momenta", lambda *_: False)
+    monkeypatch.setattr(RunSteps, "momenta_of_polynomials", lambda self, _: self.momentum)
     run = fvi.integrate(scene_of("riemann-liouville", (order, 0.4)), GRADED, 64)
     assert errors(scene_of("riemann-liouville", (order, 0.4)), ((order, 0.4),), run).max() > 3e-8
 
@@ -93,7 +93,7 @@ def test_other_motions_keep_the_momenta_of_the_recursion(monkeypatch):
     rest = swing((1.75, 0.4), T=FINAL_TIME, derivative="riemann-liouville", forcing="sin(t)")
     several = [scene_of("caputo", (1.75, 0.4)), scene_of("riemann-liouville", (0.7, 0.4)), rest]
     runs = [fvi.integrate(scene, GRADED, 32) for scene in several]
-    monkeypatch.setattr(scenes_run, "has_rough_momenta", lambda *_: False)
+    monkeypatch.setattr(RunSteps, "momenta_of_polynomials", lambda self, _: self.momentum)
     for scene, run in zip(several, runs, strict=True):
         assert np.array_equal(fvi.integrate(scene, GRADED, 32).momentum, run.momentum)
         assert not run.remarks
