@@ -107,6 +107,8 @@ class _EqualSteps:
 
     def __init__(self, scene: Scene, n_steps: int) -> None:
         self.scene, self.n_steps, self.h = scene, n_steps, scene.final_time / n_steps
+        none = QuadraticPotential(stiffness=np.zeros((scene.dimension, scene.dimension)))
+        self.potential: Potential = scene.potential or none
         # as products: with other formulas round-off may put break points off the grid
         self.times = self.h * np.arange(n_steps + 1, dtype=float)
         self.operations = 0  # multiply-adds of the sums over the past
@@ -116,12 +118,6 @@ class _EqualSteps:
         if self.scene.forcing is None:
             return np.zeros((self.times.size, self.scene.dimension))
         return self.scene.forcing(self.times)
-
-    def potential_gradient(self, position: Array) -> Array:
-        """Gradient of the potential."""
-        if self.scene.potential is None:
-            return np.zeros(self.scene.dimension)
-        return self.scene.potential.gradient(position)
 
 
 class _Past:
@@ -205,7 +201,7 @@ def _explicit_euler(steps: _EqualSteps) -> Iterator[_Point]:
     inverse_mass = np.linalg.inv(steps.scene.inertia.mass)
     position, velocity = steps.scene.initial_position, steps.scene.initial_velocity
     for k in range(steps.n_steps):
-        force = forces[k] - past.force(k, k) - steps.potential_gradient(position)
+        force = forces[k] - past.force(k, k) - steps.potential.gradient(position)
         position = position + steps.h * velocity
         velocity = velocity + steps.h * (inverse_mass @ force)
         past.keep(k + 1, velocity)
@@ -222,7 +218,7 @@ def _implicit_euler(steps: _EqualSteps) -> Iterator[_Point]:
         velocity, iterations = solve_implicit(
             matrix,
             inertia @ velocity - past.force(k + 1, k) + forces[k + 1],
-            scene.potential,
+            steps.potential,
             velocity,
             base=position,
             factor=steps.h,
@@ -251,7 +247,7 @@ def _gruenwald_letnikov(steps: _EqualSteps) -> Iterator[_Point]:
     # the last difference x_k - x_(k-1), so that 1 / h^2 never multiplies a rounded position
     position, difference = scene.initial_position, h * scene.initial_velocity
     for k in range(steps.n_steps):
-        force = forces[k] - past.force(k, k) - steps.potential_gradient(position)
+        force = forces[k] - past.force(k, k) - steps.potential.gradient(position)
         if k == 0:
             # the first difference of order 1 is 0 in place of v0, and the first step is half a step
             viscous = [term.matrix for term in scene.active_damping if term.is_integer_order]
@@ -280,7 +276,7 @@ def _product_integration(steps: _EqualSteps) -> Iterator[_Point]:
     known = line @ scene.inertia.mass + _forcing_twice_integrated(steps) + past.newest_offset
     matrix = scene.inertia.mass + past.newest
     position = scene.initial_position
-    newest = steps.potential_gradient(position)
+    newest = steps.potential.gradient(position)
     # first and second integral of the potential force up to t_k
     once = twice = origin = np.zeros(scene.dimension)
     for k in range(steps.n_steps):
@@ -288,12 +284,12 @@ def _product_integration(steps: _EqualSteps) -> Iterator[_Point]:
         position, iterations = solve_implicit(
             matrix,
             known[k + 1] - twice - h * once - h * h / 3 * gradient - past.force(k + 1, k),
-            scene.potential,
+            steps.potential,
             position,
             base=origin,
             weight=h * h / 6,
         )
-        newest = steps.potential_gradient(position)
+        newest = steps.potential.gradient(position)
         twice = twice + h * once + h * h * (gradient / 3 + newest / 6)
         once = once + h / 2 * (gradient + newest)
         past.keep(k + 1, position)
@@ -332,7 +328,7 @@ def trapezoidal_weights(order: float, step_size: float, n_weights: int) -> Array
 def solve_implicit(
     linear: Array,
     constant: Array,
-    potential: Potential | None,
+    potential: Potential,
     guess: Array,
     *,
     base: Array,
@@ -348,12 +344,6 @@ def solve_implicit(
     StepFailedError
         If no solution was found.
     """
-    if potential is None or isinstance(potential, QuadraticPotential):
-        residual, jacobian = linear @ guess - constant, linear
-        if potential is not None:
-            residual = residual + weight * potential.gradient(base + factor * guess)
-            jacobian = jacobian + weight * factor * potential.stiffness
-        return guess - np.linalg.solve(jacobian, residual), 0
 
     def equation(unknown: Array) -> tuple[Array, Array, Array]:
         at = base + factor * unknown
@@ -365,6 +355,9 @@ def solve_implicit(
         terms = terms + np.einsum("nab,nb->na", np.abs(curvature), shifted)
         return inner + force - constant, linear + factor * curvature, terms
 
+    if isinstance(potential, QuadraticPotential):
+        (residual,), (jacobian,), _ = equation(guess[None])
+        return guess - np.linalg.solve(jacobian, residual), 0
     roots, converged, iterations = find_roots(equation, guess[None])
     if not converged.all():
         raise StepFailedError(
