@@ -12,7 +12,7 @@ from benchmarks.stepping import quartic_scene
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.data import linear_oscillator
+from fvi_cli.scenes.structures import linear_oscillator
 
 LONG_RUN = 10**8
 """The number of steps to which a long run is extrapolated."""

@@ -17,7 +17,7 @@ from benchmarks.tolerance_scenes import Array, Drawn, Known, Random
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.scene import Scene
-from fvi_cli.scenes.data import linear_oscillator
+from fvi_cli.scenes.structures import linear_oscillator
 from tests.oracles.linear_response import ExactSolution, match_scene
 
 TIMES = 60

@@ -18,7 +18,8 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.data import linear_oscillator, pendulum
+from fvi_cli.scenes.data import pendulum
+from fvi_cli.scenes.structures import linear_oscillator
 
 LINEAR = (
     (Method(cq="bdf2", sampling="nodes", degree=1), 25.0, 1e-11),

@@ -18,8 +18,9 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes.data import duffing, kepler, linear_oscillator, pendulum
+from fvi_cli.scenes.data import duffing, kepler, pendulum
 from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.structures import linear_oscillator
 from tests.oracles.contour import talbot_inverse
 from tests.oracles.linear_response import match_scene
 

@@ -14,7 +14,8 @@ from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.scenes import data as scenes
+from fvi_cli.scenes.data import pendulum
+from fvi_cli.scenes.structures import linear_oscillator
 
 WORDS = {
     "T": "final_time",
@@ -27,7 +28,7 @@ WORDS = {
 
 def spring(*damping: tuple[float, Any], **data: Any) -> Scene:
     """An oscillator with terms of damping as pairs (g, c); `x`, `v` are those at the start."""
-    return scenes.linear_oscillator(**in_words(damping, data))
+    return linear_oscillator(**in_words(damping, data))
 
 
 def oscillator(
@@ -46,7 +47,7 @@ def oscillator(
 
 def swing(*damping: tuple[float, Any], **data: Any) -> Scene:
     """The same with omega^2 sin x in the place of k x."""
-    return scenes.pendulum(**in_words(damping, data))
+    return pendulum(**in_words(damping, data))
 
 
 def in_pieces(*parts: str | float) -> Forcing:

@@ -140,7 +140,7 @@ def double_pendulum(l2, g):
     return fvi.double_pendulum(
         lengths=(1.0, l2),
         gravity=g,
-        joints=[(0.5, 0.1)],
+        joints=[fvi.FractionalDamping(order=0.5, coefficient=0.1)],
         initial_position=[0.7, -0.4],
         final_time=1.5,
     )

@@ -19,8 +19,8 @@ from fvi_cli.errors import excerpt
 from fvi_cli.scenes.keys.mistakes import mistakes_of
 from fvi_cli.scenes.keys.values import KeyPath, Range, Wrong, plain
 from fvi_cli.scenes.kinds.kind import Kind
+from fvi_cli.scenes.records.matrices import MatrixFile
 from fvi_cli.scenes.registry import OnlyProblem
-from fvi_cli.scenes.structures.matrix_keys import MatrixFile
 from fvi_cli.studies.members import (
     Member,
     leads_somewhere,

@@ -163,6 +163,15 @@ class Forcing:
         first = ForcingPiece(components=components, until=float(components[0].knots[-1]))
         return cls(pieces=(first, ForcingPiece(components=(zero,) * len(components))))
 
+    def cut(self, times: Sequence[float]) -> Forcing:
+        """The same force with further break points."""
+        pieces, begin = [], 0.0
+        for piece in self.pieces:
+            ends = [time for time in times if begin < time < piece.until]
+            pieces += [replace(piece, until=end) for end in (*sorted(ends), piece.until)]
+            begin = piece.until
+        return Forcing(pieces=tuple(pieces))
+
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""

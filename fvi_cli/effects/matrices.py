@@ -60,14 +60,11 @@ class Factored:
 
     rows: Array  # B, shape (r, d): the directions
     inner: Array  # C, symmetric, shape (r, r)
-    whole: Form | None = None  # the product, where it is known
     labels: tuple[int, ...] = ()  # numbers of the directions in names; empty: 1, 2, ...
 
     @cached_property
     def form(self) -> Form:
         """The d x d matrix, sparse where it has many rows."""
-        if self.whole is not None:
-            return symmetric_form(self.whole, "coefficient")
         rows: Any = self.rows  # dense or sparse: only operators that both have are used
         rows = rows if rows.shape[1] < LEAST_SPARSE else as_csr(rows)
         full = rows.T @ (as_csr(self.inner) if is_sparse(rows) else self.inner) @ rows

@@ -106,7 +106,7 @@ class SampledForce(_WithFormula):
         *moving, still = self.coefficients
         return self.formula is None and not np.any(moving) and bool(np.ptp(still) == 0)
 
-    def scaled(self, factor: float) -> SampledForce:
+    def times(self, factor: float) -> SampledForce:
         """The force times a number."""
         formula = self.formula and self.formula.times(factor)
         return replace(self, coefficients=factor * self.coefficients, formula=formula)
@@ -142,7 +142,7 @@ class FunctionForce(_WithFormula):
         """What the component is called in messages."""
         return str(getattr(self.function, "__name__", "a function"))
 
-    def scaled(self, factor: float) -> FunctionForce:
+    def times(self, factor: float) -> FunctionForce:
         """The force times a number."""
         formula = self.formula and self.formula.times(factor)
         return replace(self, factor=factor * self.factor, formula=formula)

@@ -120,8 +120,8 @@ class Scene:
                     f"{type(effect).__name__} has {effect.dimension} components, the mass "
                     f"{self.dimension}"
                 )
-        if self.forcing is not None and (wrong := self.forcing.objection(self.final_time)):
-            raise ArgumentError("forcing", wrong)
+        if self.forcing is not None and (words := self.forcing.objection(self.final_time)):
+            raise ArgumentError("forcing", words)
 
     def _relax(self) -> None:
         """Take the relaxed moduli of the laws into the potential."""

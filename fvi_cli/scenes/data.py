@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from typing import Final, Required, TypedDict, TypeVar, Unpack
+from dataclasses import replace
+from typing import Final, Required, TypedDict, TypeVar, Unpack, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.damping import Coefficient, FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Factored, Form, SparseMatrix, entries
+from fvi_cli.effects.matrices import SparseMatrix
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -134,48 +135,39 @@ def per_coordinate(value: ArrayLike, size: int) -> Array:
     return np.full(size, float(vector)) if vector.ndim == 0 else vector
 
 
-Damper = tuple[float, float] | tuple[float, float, str]
-"""(Order, coefficient, name) of dampers, one parallel to every spring or in every joint."""
+Effect = FractionalDamping | Law
+"""A damping term or a law."""
 
 
 def with_dampers(
-    data: SceneData, matrix: Form, dampers: Sequence[Damper], rows: Array | None = None
+    data: SceneData, dampers: Sequence[Effect], on: Callable[[float], Coefficient]
 ) -> SceneData:
-    r"""The data with terms :math:`c A D^\gamma q`, A the `matrix`, before its other damping terms.
+    """The data with dampers between parts after its other damping.
 
-    With `rows` B, :math:`A = B^T B`, their deformations are :math:`B q`.
+    Where the coefficient of a damper is a number c, `on(c)` takes its place.
     """
-    others = *data.get("damping", ()), *data.get("laws", ())
-    before = max((one.number for one in others), default=0)
-    terms = []
-    for index, (order, coefficient, *name) in enumerate(dampers, start=before + 1):
-        c = float(coefficient)
-        own: Form | Factored = c * matrix
-        if rows is not None:
-            own = Factored(rows=rows, inner=c * np.eye(len(rows)), whole=c * matrix)
-        terms.append(
-            FractionalDamping(
-                order=float(order), coefficient=own, name="".join(map(str, name)), number=index
-            )
-        )
-    return {**data, "damping": (*terms, *data.get("damping", ()))}
+    placed: list[Effect] = []
+    for one in dampers:
+        is_number = one.factored is None and one.dimension == 1
+        factor = on(float(one.matrix[0, 0])) if is_number else one.coefficient
+        placed.append(replace(one, coefficient=factor))
+    found = sorted_effects((*data.get("damping", ()), *data.get("laws", ()), *placed))
+    return cast(SceneData, {**data, **found})
 
 
-@scene_function
-def linear_oscillator(
-    *,
-    mass: ArrayLike | SparseMatrix = 1.0,
-    stiffness: ArrayLike | SparseMatrix = 1.0,
-    **data: Unpack[SceneData],
-) -> Scene:
-    r"""Scene of :math:`M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = f(t)`.
+class SortedEffects(TypedDict):
+    """Damping terms and laws as arguments of scenes."""
 
-    With one term of order 1 this is the damped oscillator of the paper (section "Numerical
-    examples"), with one term of order 1/2 or 3/2 its Bagley-Torvik equation. A stiffness of zero
-    is no potential at all.
-    """
-    potential = QuadraticPotential(stiffness=stiffness)
-    return make_scene(mass, potential if entries(potential.form).any() else None, **data)
+    damping: tuple[FractionalDamping, ...]
+    laws: tuple[Law, ...]
+
+
+def sorted_effects(every: Sequence[Effect]) -> SortedEffects:
+    """The damping terms and the laws among some effects."""
+    return {
+        "damping": tuple(one for one in every if isinstance(one, FractionalDamping)),
+        "laws": tuple(one for one in every if isinstance(one, Law)),
+    }
 
 
 @scene_function

@@ -8,8 +8,9 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Annotated, Final, TypeVar
 
+import numpy as np
+
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
-from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.keys.values import (
@@ -26,6 +27,12 @@ from fvi_cli.scenes.records.samples import Samples
 
 T = TypeVar("T")
 _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+PRIME_PARTS: Final = 97
+"""Parts of an interval at whose ends a formula must be finite; a prime number, so that no usual
+grid has points there."""
+PARTS: Final = 720
+"""Parts, 6!, at whose ends lie points of most grids: a quotient such as sin(t - 1)/(t - 1), without
+value at one of them, is a force; an infinite one is not."""
 
 
 class Piece(Keys):
@@ -108,13 +115,38 @@ def formulas_of(
             begin = end
 
 
-def with_numbers(formula: str, parameters: Mapping[str, float]) -> str:
-    """A formula with numbers in place of parameters."""
+@functools.lru_cache(maxsize=1024)
+def objection(
+    text: str,
+    parameters: tuple[tuple[str, float], ...],
+    begin: float,
+    end: float,
+    *,
+    is_force: bool,
+) -> str:
+    """What is wrong with an expression in t on an interval; empty if nothing is.
 
-    def number(name: re.Match[str]) -> str:
-        return f"({parameters[name[0]]!r})" if name[0] in parameters else name[0]
-
-    return _NAME.sub(number, formula) if parameters else formula
+    A force must be finite inside and integrable at its beginning; a known solution or function
+    must be finite at both ends too.
+    """
+    prime, parts = (np.arange(n + 1) / n for n in (PRIME_PARTS, PARTS))
+    inner = np.concatenate([prime[1:-1], parts[1:]]) if is_force else prime
+    times = begin + (end - begin) * inner
+    expression = _parsed(text, parameters)
+    values = np.broadcast_to(np.asarray(expression.evaluate({"t": times})), times.shape)
+    may_be_undefined = is_force & (np.arange(times.size) >= prime.size - 2)
+    wrong = np.flatnonzero(np.isinf(values) | (np.isnan(values) & ~may_be_undefined))
+    if wrong.size:
+        what = "not a real number" if math.isnan(values[wrong[0]]) else "infinite"
+        return f"is {what} at t = {times[wrong[0]]:.6g}; it must be finite up to final_time"
+    if not is_force or np.isfinite(expression.evaluate({"t": np.array([begin])})).all():
+        return ""
+    # f(t) t falls towards the beginning where the integral is finite
+    near = (end - begin) * np.array([1e-12, 1e-9])
+    nearest, next_one = np.abs(expression.evaluate({"t": begin + near})) * near
+    if not nearest > 0.995 * next_one:
+        return ""
+    return f"has an infinite integral at t = {begin:g}; powers of t above -1 are allowed"
 
 
 def build_forcing(
@@ -129,40 +161,35 @@ def build_forcing(
     """A force from the value under its key, whose formulas keep parameters; None when it is 0."""
     if value == "0":
         return None
-    pieces = []
     if isinstance(value, Pieces):
-        for index, piece in enumerate(value.pieces):
-            place = f"{key}.pieces.{index}.value"
-            components = expressions(piece.value, dimension, place, parameters)
-            until = math.inf if piece.until is None else piece.until
-            pieces.append(ForcingPiece(components=components, until=until))
-        return Forcing(pieces=tuple(pieces))
-
-    def component(entry: object, place: str) -> tuple[ForceComponent, float]:
-        """A component, and the time from which on it is 0."""
-        if not isinstance(entry, Samples):
-            return _expression(entry, place, parameters), math.inf
-        try:
-            return entry.component(final_time), entry.end(final_time)
-        except ArgumentError as error:
-            raise error.below(place) from None
-        except ValueError as error:
-            raise ArgumentError(place, str(error)) from None
-
-    zero = _expression("0", key)
-    if isinstance(value, ForcesAt):
-        given = by_coordinate(value.at, names, f"{key}.at")
-        found: tuple[tuple[ForceComponent, float], ...] = tuple(
-            component(given.get(name, "0"), f"{key}.at.{name}") for name in names
-        )
+        places = [f"{key}.pieces.{index}.value" for index in range(len(value.pieces))]
+        components: list[tuple[ForceComponent, ...]] = [
+            expressions(piece.value, dimension, place, parameters)
+            for piece, place in zip(value.pieces, places, strict=True)
+        ]
+        ends = [piece.until or math.inf for piece in value.pieces]
     else:
-        found = _per_coordinate(value, dimension, key, component)
-    if all(_is_zero(one) for one, _ in found):
-        return None
-    for until in sorted({math.inf, *(end for _, end in found)}):
-        left = tuple(one if end >= until else zero for one, end in found)
-        pieces.append(ForcingPiece(components=left, until=until))
-    return Forcing(pieces=tuple(pieces))
+
+        def component(entry: object, place: str) -> tuple[ForceComponent, float]:
+            """A component, and the time from which on it is 0."""
+            if not isinstance(entry, Samples):
+                return _expression(entry, place, parameters), math.inf
+            try:
+                return entry.component(final_time), entry.end(final_time)
+            except ArgumentError as error:
+                raise error.below(place) from None
+
+        if isinstance(value, ForcesAt):
+            given = by_coordinate(value.at, names, f"{key}.at")
+            found = tuple(component(given.get(one, "0"), f"{key}.at.{one}") for one in names)
+        else:
+            found = _per_coordinate(value, dimension, key, component)
+        if all(one.is_constant and not one.evaluate({"t": 0.0}) for one, _ in found):
+            return None
+        zero, ends = _expression("0", key), sorted({math.inf, *(end for _, end in found)})
+        components = [tuple(one if end >= until else zero for one, end in found) for until in ends]
+    pieces = zip(components, ends, strict=True)
+    return Forcing(pieces=tuple(ForcingPiece(components=one, until=end) for one, end in pieces))
 
 
 def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> Mapping[str, T]:
@@ -176,12 +203,6 @@ def by_coordinate(given: Mapping[str, T], names: Sequence[str], place: str) -> M
             )
             raise ArgumentError(f"{place}.{name}", message, at_key=True)
     return given
-
-
-def _is_zero(component: ForceComponent) -> bool:
-    if isinstance(component, SampledForce):
-        return component.formula is None and not component.coefficients.any()
-    return component.is_constant and component.evaluate({}) == 0
 
 
 def expressions(

@@ -12,7 +12,7 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
-from fvi_cli.effects.matrices import Form, dense
+from fvi_cli.effects.matrices import Factored, Form, dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -30,7 +30,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import (
-    Damper,
+    Effect,
     SceneData,
     given_force,
     make_scene,
@@ -132,7 +132,7 @@ def double_pendulum(
     masses: tuple[float, float] = (1.0, 1.0),
     lengths: tuple[float, float] = (1.0, 1.0),
     gravity: float = 1.0,
-    joints: Sequence[Damper] = (),
+    joints: Sequence[Effect] = (),
     **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of two rods in a row with point masses at their ends and damped joints.
@@ -146,16 +146,17 @@ def double_pendulum(
 
     and every joint, the one at the ceiling and the one between the rods, turns against
     :math:`c D^\gamma` of its own angle, :math:`\theta_1` and :math:`\theta_2 - \theta_1`.
+    `joints` are terms and laws whose coefficients c are numbers.
     """
     (m1, m2), (l1, l2) = masses, lengths
-    relative = np.array([[2.0, -1.0], [-1.0, 1.0]])
+    rows = np.array([[1.0, 0.0], [-1.0, 1.0]])
     return lagrangian_scene(
         coordinates=("theta1", "theta2"),
         lagrangian="(m1 + m2)/2*(l1*vtheta1)**2 + m2/2*(l2*vtheta2)**2"
         " + m2*l1*l2*vtheta1*vtheta2*cos(theta1 - theta2)"
         " + (m1 + m2)*g*l1*cos(theta1) + m2*g*l2*cos(theta2)",
         parameters={"m1": m1, "m2": m2, "l1": l1, "l2": l2, "g": gravity},
-        **with_dampers(data, relative, joints),
+        **with_dampers(data, joints, lambda c: Factored(rows=rows, inner=c * np.eye(2))),
     )
 
 

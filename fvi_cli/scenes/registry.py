@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, Final, get_args
 
 from pydantic import ValidationError
 
@@ -23,8 +23,7 @@ from fvi_cli.scenes.kinds.oscillators import (
     LagrangianKind,
     Pendulum,
 )
-from fvi_cli.scenes.kinds.rows import Chain, FrameKind, String
-from fvi_cli.scenes.kinds.structures import Structure
+from fvi_cli.scenes.kinds.rows import Chain, FrameKind, String, Structure
 from fvi_cli.scenes.problem import AnyProblem
 
 AnyKind = Annotated[
@@ -43,23 +42,8 @@ AnyKind = Annotated[
     | FractionalDerivative,
     ByWord("kind"),
 ]
-_CLASSES: Final[tuple[type[Kind], ...]] = (
-    DampedOscillator,
-    BagleyTorvik,
-    Pendulum,
-    Duffing,
-    Kepler,
-    Chain,
-    FrameKind,
-    Structure,
-    String,
-    DoublePendulum,
-    LagrangianKind,
-    Material,
-    FractionalDerivative,
-)
 KINDS: Final[Mapping[str, type[Kind]]] = MappingProxyType(
-    {word_of(one, "kind"): one for one in _CLASSES}
+    {word_of(one, "kind"): one for one in get_args(get_args(AnyKind)[0])}
 )
 """Every kind by its name, in the order in which they are shown."""
 

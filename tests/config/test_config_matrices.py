@@ -14,7 +14,7 @@ from fvi_cli.errors import ConfigError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.records.inputs import keep_numbers
-from fvi_cli.scenes.structures.matrix_keys import MatrixFile, matrix_as_numbers
+from fvi_cli.scenes.records.matrices import MatrixFile, matrix_as_numbers
 
 N = 40
 CONFIG = """\

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.scenes.chains import frame
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.structures import frame
 
 HEADER = """\
 PEER NGA STRONG MOTION DATABASE RECORD
@@ -76,7 +76,7 @@ def _frame(ground: fvi.Forcing, final_time: float = 2.0) -> fvi.Scene:
     return frame(
         storeys=2,
         stiffness=40.0,
-        dampers=[(0.6, 0.5)],
+        dampers=[fvi.FractionalDamping(order=0.6, coefficient=0.5)],
         ground_acceleration=ground,
         final_time=final_time,
     )

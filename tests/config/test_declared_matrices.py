@@ -8,8 +8,8 @@ from scipy.io import savemat
 from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, dia_array, diags_array
 from scipy.sparse import save_npz as save
 
-from fvi_cli.scenes.records.data_files import DataFileError
-from fvi_cli.scenes.structures.matrix_files import MOST_ROWS, read_matrix
+from fvi_cli.scenes.records.inputs import DataFileError
+from fvi_cli.scenes.records.matrices import MOST_ROWS, read_matrix
 
 N = 40
 FULL = np.diag(np.full(N, 2.0)) - np.diag(np.ones(N - 1), 1) - np.diag(np.ones(N - 1), -1)

@@ -17,7 +17,7 @@ def test_combinations_are_those_of_the_components_on_every_piece():
         wave,
         other,
         curve,
-        lines.scaled(2.0).plus(wave),
+        lines.times(2.0).plus(wave),
         FunctionForce(function=np.exp),
     )
     force = Forcing(

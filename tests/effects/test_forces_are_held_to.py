@@ -6,7 +6,7 @@ import pytest
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.mathematics.expressions import Expression, slopes_of
-from fvi_cli.scenes.data import linear_oscillator
+from fvi_cli.scenes.structures import linear_oscillator
 
 
 @pytest.mark.parametrize("scale", [1e-9, 1.0, 1e9])
@@ -30,7 +30,7 @@ def test_constants_of_formulas_beside_samples_are_kept(name):
     force = samples.plus(Expression.parse(f"{name}*t", ("t",), {name: 5.0}))
     other = Expression.parse(f"{name} + 0*t", ("t",), {name: -1.0})
     time = np.array([0.5, 1.5])
-    with_both = force.scaled(-2.0).plus(other)
+    with_both = force.times(-2.0).plus(other)
     piece = ForcingPiece(components=(with_both,))
     expected = -2.0 * (np.array([1.5, 3.0]) + 5.0 * time) - 1.0
     np.testing.assert_allclose(piece.evaluate(time)[:, 0], expected, rtol=1e-15)

@@ -8,7 +8,7 @@ from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import linear_oscillator
+from fvi_cli.scenes.structures import linear_oscillator
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
 VALUES = np.array([1.0, -2.0, 0.5, 4.0, 3.0])
@@ -47,7 +47,7 @@ def test_the_spline_has_two_continuous_derivatives_and_gives_cubics_back():
 def test_factors_and_formulas_are_added_up():
     force = SampledForce.through(TIME, VALUES, "linear")
     formula = Expression.parse("t**2", ("t",))
-    both = force.scaled(2.0).plus(formula).plus(formula).scaled(-1.0)
+    both = force.times(2.0).plus(formula).plus(formula).times(-1.0)
     time = np.linspace(0.0, 2.0, 11)
     np.testing.assert_allclose(at(both, time), -2 * at(force, time) - 2 * time**2, atol=1e-13)
     assert not both.is_constant

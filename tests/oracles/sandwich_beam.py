@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array
 
 from fvi_cli.effects.laws.cole_cole import fractional_zener
-from fvi_cli.scenes.structures.structure import structure
+from fvi_cli.scenes.structures import structure
 
 PER_NODE = 4
 """Degrees of freedom of a node: w, w', u_1, u_3."""

@@ -13,8 +13,8 @@ from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.chains import chain
 from fvi_cli.scenes.lagrangian import lagrangian_scene
+from fvi_cli.scenes.structures import chain
 
 GAUSS3 = Method(cq="gauss", degree=3, start="graded")
 

@@ -7,8 +7,8 @@ import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.chains import pluck_amplitudes
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.structures import pluck_amplitudes
 
 GAUSS3 = Method(cq="gauss", degree=3)
 
@@ -34,7 +34,7 @@ def test_dampers_stand_where_the_springs_stand():
         dampers=[{"order": 0.5, "coefficient": 0.2}],
         damping=[{"order": 0.5, "coefficient": 0.3, "acts_on": ["x3 - x1"]}],
     )
-    beside, across = scene.damping
+    across, beside = scene.damping
     assert beside.coefficient == pytest.approx(
         0.2 * np.array([[2, -1, 0], [-1, 2, -1], [0, -1, 2]])
     )
@@ -123,8 +123,8 @@ def test_a_string_has_the_frequencies_of_its_equation():
     )
     waves = np.array([1, 2, 3]) * np.pi / 0.5
     assert scene.potential.gradient(np.ones(3)) == pytest.approx((2 * waves) ** 2)
-    assert np.diag(scene.damping[0].coefficient) == pytest.approx(0.01 * waves**2)
-    assert np.diag(scene.damping[1].coefficient) == pytest.approx(0.1 * np.ones(3))
+    assert np.diag(scene.damping[1].coefficient) == pytest.approx(0.01 * waves**2)
+    assert np.diag(scene.damping[0].coefficient) == pytest.approx(0.1 * np.ones(3))
 
 
 @pytest.mark.parametrize(

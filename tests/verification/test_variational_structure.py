@@ -13,7 +13,8 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.bdf import left_operator
-from fvi_cli.scenes.data import linear_oscillator, pendulum
+from fvi_cli.scenes.data import pendulum
+from fvi_cli.scenes.structures import linear_oscillator
 
 DAMPED = [FractionalDamping(order=0.6, coefficient=0.7)]
 

@@ -152,7 +152,8 @@ import numpy as np
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.data import linear_oscillator, pendulum
+from fvi_cli.scenes.data import pendulum
+from fvi_cli.scenes.structures import linear_oscillator
 
 def oscillate(*orders, **options):
     damping = [FractionalDamping(order=order, coefficient=0.3) for order in orders]

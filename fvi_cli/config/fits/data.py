@@ -19,7 +19,7 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.keys.values import plain
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
-from fvi_cli.scenes.records.data_files import DataFileError
+from fvi_cli.scenes.records.inputs import DataFileError
 from fvi_cli.scenes.registry import OnlyProblem, build_scene
 from fvi_cli.studies.fits.settings import (
     Amplitude,

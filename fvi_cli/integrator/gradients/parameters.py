@@ -266,7 +266,7 @@ def _with(owner: Any, path: Sequence[str], value: Any) -> Any:
     if rest:
         value = _with(own, rest, value)
     elif isinstance(owner, MatrixForce) and head == "coefficient" and owner.factored:
-        value = replace(owner.factored, inner=value, whole=None)
+        value = replace(owner.factored, inner=value)
     elif isinstance(own, tuple):
         value = tuple(map(tuple, value.tolist()))
     elif isinstance(own, float):

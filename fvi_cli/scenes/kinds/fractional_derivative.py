@@ -14,7 +14,7 @@ from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.quadrature import jacobi_rule
-from fvi_cli.scenes.forces import expressions, with_numbers
+from fvi_cli.scenes.forces import expressions
 from fvi_cli.scenes.keys.values import Formula, Order, Positive, key
 from fvi_cli.scenes.kinds.kind import FINAL_TIME, Kind
 from fvi_cli.scenes.problem import DerivativeProblem
@@ -49,7 +49,7 @@ class FractionalDerivative(Kind):
     def build_problem(self) -> DerivativeProblem:
         """The derivative with its exact values."""
         order, final_time = self.order, self.final_time
-        (function,) = expressions(with_numbers(self.function, self.parameters), 1, "function")
+        (function,) = expressions(self.function, 1, "function", self.parameters)
         if self.exact == "auto":
             exact = _checked_caputo(function, order, final_time)
             source = "Caputo's integral by quadrature"

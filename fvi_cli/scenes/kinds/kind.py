@@ -5,46 +5,55 @@ from __future__ import annotations
 import re
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.graded import LEAST_POWER, force_power
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes import exact_check, trials
-from fvi_cli.scenes.data import SceneData, per_coordinate
+from fvi_cli.scenes.data import per_coordinate, sorted_effects
 from fvi_cli.scenes.forces import (
     FORCING,
     PARAMETERS,
     Forces,
     Parameters,
-    Pieces,
     build_forcing,
     by_coordinate,
     expressions,
     formulas_of,
-    with_numbers,
+    objection,
 )
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     FormulaOrMany,
-    KeyPath,
+    Increasing,
     Keys,
     Positive,
     Wrong,
     key,
     unknown_names,
 )
-from fvi_cli.scenes.kinds.laws import Term, build_damping, check_names_of_dampers
+from fvi_cli.scenes.kinds.laws import (
+    Place,
+    Term,
+    between_parts,
+    check_names_of_dampers,
+    effects_of,
+    on_coordinates,
+)
 from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import AnyProblem, Problem
-from fvi_cli.scenes.structures.matrix_keys import is_sparse_file, matrix_size
+from fvi_cli.scenes.records.matrices import MatrixFile, rows_of
 
 FINAL_TIME: Final = key("End T of the interval [0, T].", unit="time")
+START_TOLERANCE: Final = 1e-6
+"""Error that an exact solution may have at 0, relative to its largest value and to the start."""
 
 
 class NumbersAt(Keys):
@@ -85,26 +94,22 @@ class Kind(Keys):
     parameters: Parameters = PARAMETERS
 
     def mistakes(self) -> Iterator[Wrong]:
-        """Unknown names in formulas, formulas that are not finite, pieces behind the end."""
-        final_time = getattr(self, "final_time", None)
+        """Unknown names in formulas, and formulas that are not finite."""
+        check_names((), self.parameters)
+        final_time = getattr(self, "final_time", None) or 0.0
         names = {"t": 0.0, **self.parameters}
         for name in (*self.forces, *self.solutions):
-            given, is_force = getattr(self, name), name in self.forces
+            given = getattr(self, name)
             if given in ("auto", "none"):
                 continue
-            for path, formula, begin, end in formulas_of(given, (name,), final_time or 1.0):
-                unknown = list(unknown_names(path, formula, names))
-                yield from unknown
-                if unknown or final_time is None or not begin < end:
-                    continue
-                text = with_numbers(formula, self.parameters)
-                if words := trials.objection(text, begin, end, is_force=is_force):
-                    yield Wrong(path, words)
-            if isinstance(given, Pieces) and final_time is not None:
-                for number, piece in enumerate(given.pieces):
-                    if piece.until is not None and piece.until >= final_time:
-                        words = f"{piece.until:g} is not before final_time = {final_time:g}"
-                        yield Wrong((name, "pieces", number, "until"), words)
+            for path, formula, begin, end in formulas_of(given, (name,), final_time):
+                if unknown := list(unknown_names(path, formula, names)):
+                    yield from unknown
+                elif begin < end:
+                    is_force = name in self.forces
+                    numbers = tuple(sorted(self.parameters.items()))
+                    if words := objection(formula, numbers, begin, end, is_force=is_force):
+                        yield Wrong(path, words)
 
     def build_scene(self) -> Scene:
         """The scene."""
@@ -120,12 +125,10 @@ class SceneKind(Kind):
 
     make: ClassVar[Callable[..., Scene]]
     """The function that makes the scene from own keys and :class:`SceneData`."""
-    size: ClassVar[int | None] = None
-    """Number of coordinates if it is fixed."""
-    size_key: ClassVar[str] = ""
-    """The key with the number of coordinates; empty: it follows from the longest entry."""
     names: ClassVar[tuple[str, ...]] = ()
     """Names of the coordinates; empty: ``x``, or ``x1``, ``x2``, ..."""
+    dampers_key: ClassVar[str] = ""
+    """The key of dampers between parts."""
 
     damping: list[Term] = key(
         "Terms mu D^gamma q of the equation of motion, and relaxation laws; none: no damping.", []
@@ -135,105 +138,81 @@ class SceneKind(Kind):
     )
     initial: Initial = key("Position and velocity at t = 0.", Initial())
     final_time: Positive = FINAL_TIME
+    break_points: Increasing[Positive] | None = key(
+        "Times at which the force is not smooth, beside ends of pieces; points of the mesh.",
+        None,
+        unit="time",
+    )
     exact: FormulaOrMany = key(
         "Exact position: expression in t, one per coordinate, or auto: errors are measured against "
         "a reference run; none: no reference and no errors.",
         "auto",
     )
 
-    def mistakes(self) -> Iterator[Wrong]:
-        """Entries for different numbers of coordinates too."""
-        yield from super().mistakes()
-        stated = self.stated_size()
-        sized = [] if stated is None else [stated]
-        sized += [(path, size) for path, value in self._sized() if (size := matrix_size(value))]
-        for path, size in sized[1:]:
-            first, expected = ".".join(map(str, sized[0][0])), sized[0][1]
-            if size != expected:
-                whose = first or f"kind {self.kind}"
-                words = f"is for {_coordinates(size)}, but {whose} for {expected}"
-                yield Wrong(path, f"{words}; give {'as many in both' if first else expected}")
+    def count(self) -> int:
+        """Number of coordinates."""
+        given = [self.initial.position, self.initial.velocity, *self._matrices()]
+        given += [one.factor for one in self.damping if one.acts_on is None]
+        return max(map(rows_of, given))
 
-    def _sized(self) -> Iterator[tuple[KeyPath, object]]:
-        """What may be given per coordinate."""
+    def _matrices(self) -> tuple[object, object]:
         # not getattr: what a model does not have takes it long
-        own = vars(self)
-        for name in ("mass", "stiffness", "masses", "stiffnesses", "forcing", "exact"):
-            yield (name,), own.get(name)
-        for name, value in vars(self.initial).items():
-            yield ("initial", name), value
-        for index, term in enumerate(self.damping):
-            if term.acts_on is None:
-                for name in ("coefficient", "matrix", "stiffness"):
-                    yield ("damping", index, name), vars(term).get(name)
-        for name in self.forces:
-            force = getattr(self, name)
-            for index, piece in enumerate(force.pieces if isinstance(force, Pieces) else ()):
-                yield (name, "pieces", index, "value"), piece.value
-
-    def stated_size(self) -> tuple[KeyPath, int] | None:
-        """Path and value of the key that gives the number of coordinates; None: no key does."""
-        path: KeyPath = (self.size_key,) if self.size_key else ()
-        if self.size is not None:
-            return path, self.size
-        stated = getattr(self, self.size_key, None) if self.size_key else None
-        if isinstance(stated, list):
-            return path, len(stated)
-        return (path, stated) if isinstance(stated, int) else None
-
-    def own_names(self) -> tuple[str, ...]:
-        """Names of the coordinates; empty: they are numbered."""
-        return self.names
+        return vars(self).get("mass"), vars(self).get("stiffness")
 
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the coordinates, as in ``acts_on``."""
-        if named := self.own_names():
-            return named
-        stated = self.stated_size()
-        if stated is not None:
-            return numbered(stated[1])
-        entries = [self.initial.position, *self._matrices()]
-        entries += [term.factor for term in self.damping if term.acts_on is None]
-        return numbered(max(matrix_size(one) or 1 for one in entries))
-
-    def _matrices(self) -> tuple[object, object]:
-        return vars(self).get("mass"), vars(self).get("stiffness")
+        return self.names or numbered(self.count())
 
     def build_scene(self) -> Scene:
         """The scene."""
-        names, forces = self.coordinate_names(), self.forces
+        names = self.coordinate_names()
         if self.parameters:
             check_names(names, self.parameters)
-        sparse = any(map(is_sparse_file, self._matrices()))
-        damping, laws = build_damping(self.damping, names, sparse=sparse)
-        data: SceneData = {
+        files = [one for one in self._matrices() if isinstance(one, MatrixFile)]
+        sparse = any(is_sparse(one.form) for one in files)
+        effects = effects_of(self.damping, on_coordinates(names, sparse=sparse))
+        data: dict[str, Any] = {
             "final_time": self.final_time,
-            "damping": damping,
-            "laws": laws,
+            **sorted_effects(effects),
             "initial_position": _vector(self.initial.position, names, "initial.position"),
             "initial_velocity": _vector(self.initial.velocity, names, "initial.velocity"),
             "derivative": self.derivative,
         }
-        drivers = {name: self._driver(name, names) for name in forces}
+        drivers = {name: self._driver(name, names) for name in self.forces}
         if sum(driver is not None for driver in drivers.values()) > 1:
-            raise ArgumentError(forces[1], f"give this or {forces[0]}, not both", at_key=True)
+            message = f"give this or {self.forces[0]}, not both"
+            raise ArgumentError(self.forces[1], message, at_key=True)
         try:
             scene = self.make_scene(**data, **drivers)
         except ArgumentError as error:
             key = re.sub("^initial_(position|velocity)", r"initial.\1", error.key)
             raise ArgumentError(key, error.message, at_key=error.at_key) from None
+        if self.break_points:
+            force = scene.forcing or Forcing.from_text(*("0",) * scene.dimension)
+            scene = replace(scene, forcing=force.cut(self.break_points))
         check_names_of_dampers((*scene.damping, *scene.laws), "damping")
         if self.parameters:
             ready = dict.fromkeys(self.ready_quantities(), "a ready quantity")
-            inputs = dict.fromkeys({*forces} - {"forcing"}, "what drives the motion")
+            inputs = dict.fromkeys({*self.forces} - {"forcing"}, "what drives the motion")
             check_names(names, self.parameters, {**inputs, **names_of_dampers(scene), **ready})
         return scene
 
     def make_scene(self, **data: Any) -> Scene:
         """The scene from its own keys and the shared arguments `data`."""
+        return type(self).make(**self.own(), **data)
+
+    def own(self) -> dict[str, Any]:
+        """The values of its own keys, with effects for dampers."""
         shared = {*SceneKind.model_fields, *self.forces}
-        own = {name: one for name, one in self if name not in shared}
-        return type(self).make(**own, **data)
+        found = {name: one for name, one in self if name not in shared}
+        if name := self.dampers_key:
+            before = len(self.damping)
+            found[name] = effects_of(found[name], self.between(), name, before=before)
+        return found
+
+    def between(self) -> Place:
+        """Where dampers between parts act."""
+        return between_parts()
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
         return build_forcing(
@@ -259,8 +238,7 @@ class SceneKind(Kind):
         elif self.exact != "auto":
             components = expressions(self.exact, scene.dimension, "exact", self.parameters)
             exact, source = ForcingPiece(components=components).evaluate, "expression"
-            if reason := exact_check.objection(exact, scene):
-                raise ArgumentError("exact", reason)
+            _check_start(exact, scene)
         ground = [name for name in self.forces if name != "forcing"]
         return Problem(
             kind=self.kind,
@@ -268,7 +246,7 @@ class SceneKind(Kind):
             exact=exact,
             exact_source=source,
             equation=_with_laws(self.equation, scene),
-            coordinates=self.own_names() or numbered(scene.dimension),
+            coordinates=self.coordinate_names(),
             inputs={name: self._driver(name, ()) for name in ground},
             numbers=self.numbers(),
             ready=self.ready_quantities(),
@@ -294,6 +272,14 @@ def numbered(size: int) -> tuple[str, ...]:
     return ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
 
 
+def _check_start(exact: Callable[[Array], Array], scene: Scene) -> None:
+    """Refuse an exact solution that does not begin at the initial position."""
+    start, values = scene.initial_position, exact(np.linspace(0.0, scene.final_time, 257))
+    if np.abs(values[0] - start).max() > START_TOLERANCE * np.abs([*values, start]).max():
+        at, begin = values[0].round(6).tolist(), start.round(6).tolist()
+        raise ArgumentError("exact", f"is {at} at t = 0, but initial.position is {begin}")
+
+
 def _with_laws(equation: str, scene: Scene) -> str:
     """The equation of a scene, with moduli G if its damping has relaxation laws."""
     if not scene.laws or "G(D)" in equation:
@@ -308,7 +294,3 @@ def _vector(value: object, names: tuple[str, ...], place: str) -> Array:
         given = by_coordinate(value.at, names, f"{place}.at")
         return np.array([given.get(name, 0.0) for name in names])
     return per_coordinate(np.asarray(value, dtype=float), len(names))
-
-
-def _coordinates(size: int) -> str:
-    return f"{size} coordinate" if size == 1 else f"{size} coordinates"

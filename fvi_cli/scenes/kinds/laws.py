@@ -17,6 +17,8 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.matrices import dense
 from fvi_cli.errors import ArgumentError
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.scenes.data import Effect
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     ByWord,
@@ -30,9 +32,7 @@ from fvi_cli.scenes.keys.values import (
     Wrong,
     key,
 )
-from fvi_cli.scenes.structures.matrix_keys import NumberOrMatrix, matrix_of
-
-Effect = FractionalDamping | Law
+from fvi_cli.scenes.records.matrices import NumberOrMatrix, matrix_of
 
 _MODULUS: Final = "stiffness over that of coefficient"
 _FACTOR: Final = "mass times time^(gamma-2)"
@@ -44,19 +44,7 @@ _NAME: Final = (
 
 
 class Damper(Keys):
-    """A fractional damper c D^gamma, parallel to every spring or in every joint."""
-
-    order: Order = key("Order gamma of the derivative.")
-    coefficient: float = key("Factor of the derivative.", unit=_FACTOR)
-    name: Name | None = key(_NAME, None)
-
-    def value(self) -> tuple[float, float, str]:
-        """Order, coefficient and name."""
-        return self.order, self.coefficient, self.name or ""
-
-
-class _Term(Keys):
-    """Where a term acts."""
+    """What every damper has: where it acts, and its name."""
 
     acts_on: Annotated[list[str], Field(min_length=1)] | None = key(
         "Coordinates or linear combinations of them on which the term acts, one per row of the "
@@ -72,13 +60,6 @@ class _Term(Keys):
     name: Name | None = key(_NAME, None)
 
     @property
-    def storeys(self) -> list[int] | None:
-        """The storeys in which it stands."""
-        return (
-            self.storey if isinstance(self.storey, list) or self.storey is None else [self.storey]
-        )
-
-    @property
     @abstractmethod
     def factor(self) -> Any:
         """The factor of the term: a number, matrix or file."""
@@ -88,7 +69,7 @@ class _Term(Keys):
         """The effects; `on` converts a factor to the coefficient for all coordinates."""
 
 
-class Springpot(_Term):
+class Springpot(Damper):
     """A term mu D^gamma q."""
 
     law: Literal["springpot"] = key("Which law; the default.", "springpot", exclude=True)
@@ -107,7 +88,7 @@ class Springpot(_Term):
         return (FractionalDamping(order=self.order, coefficient=on(self.factor)),)
 
 
-class KelvinVoigt(_Term):
+class KelvinVoigt(Damper):
     """A spring parallel to a springpot."""
 
     law: Literal["kelvin-voigt"] = key("Which law.", "kelvin-voigt")
@@ -132,7 +113,7 @@ class KelvinVoigt(_Term):
         return springpot, spring
 
 
-class _Relaxing(_Term):
+class _Relaxing(Damper):
     """A relaxation law with its factor."""
 
     make: ClassVar[Callable[..., Law]]
@@ -194,53 +175,75 @@ class Prony(_Relaxing):
     relaxed: NotNegative = key("Modulus that remains after a long time.", 0.0, unit=_MODULUS)
 
 
-Term = Annotated[
-    Springpot | KelvinVoigt | Zener | Maxwell | Prony, ByWord("law", usual="springpot")
-]
 AnyTerm = Springpot | KelvinVoigt | Zener | Maxwell | Prony
+Term = Annotated[AnyTerm, ByWord("law", usual="springpot")]
+Place = Callable[[AnyTerm, Any], Coefficient]
+"""From a term and a factor of it to the coefficient for all coordinates."""
 
 
-def build_damping(
-    terms: Sequence[AnyTerm],
-    names: tuple[str, ...],
-    *,
-    sparse: bool = False,
-    place: str = "damping",
-) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
-    """The terms and the laws under ``damping``, with sparse or dense matrices."""
+def on_coordinates(names: Sequence[str], *, sparse: bool = False) -> Place:
+    """Where terms under ``damping`` act: on all coordinates, or on some combinations of them."""
 
     def on(term: AnyTerm, factor: object) -> Coefficient:
         if term.storey is not None:
             message = "not a key here: between floors of a frame it stands under dampers"
             raise ArgumentError("storey", message, at_key=True)
         if term.acts_on is None:
-            return matrix_of(factor, len(names), sparse=sparse)
+            matrix = matrix_of(factor, len(names), sparse=sparse)
+            if matrix.shape[0] != len(names):
+                words = f"is for {matrix.shape[0]} coordinates, but there are {len(names)}"
+                raise ArgumentError("coefficient", words)
+            return matrix
         directions = Directions.from_text(term.acts_on, names)
         return directions.factored(dense(matrix_of(factor, directions.count)))
 
-    return damping_effects(terms, on, place)
+    return on
 
 
-def damping_effects(
-    terms: Sequence[AnyTerm], on: Callable[[AnyTerm, Any], Any], place: str, *, before: int = 0
-) -> tuple[tuple[FractionalDamping, ...], tuple[Law, ...]]:
-    """Effects of the terms in the list at `place`; `on` returns coefficients for all coordinates.
+def between_parts(rows: Array | None = None) -> Place:
+    """Where dampers between parts act: on every one, or in a frame in some storeys by `rows`."""
 
-    Dampers are numbered from `before` + 1 on.
-    """
+    def on(term: AnyTerm, factor: object) -> Coefficient:
+        if term.acts_on is not None:
+            message = "not a key here: write storey, or give the term under damping"
+            raise ArgumentError("acts_on", message, at_key=True)
+        if not isinstance(factor, float):
+            raise ArgumentError("coefficient", "a damper between parts has a number")
+        storeys = [term.storey] if isinstance(term.storey, int) else term.storey
+        if storeys is None:
+            return factor
+        if rows is None:
+            raise ArgumentError("storey", "not a key here: it is one of frames", at_key=True)
+        for index, storey in enumerate(storeys):
+            place = "storey" if len(storeys) == 1 else f"storey.{index}"
+            if storey > len(rows):
+                words = f"{storey} is not allowed; write 1 to {len(rows)}, the storeys"
+                raise ArgumentError(place, words)
+            if storey in storeys[:index]:
+                words = f"{storey} is given twice; write a damper of its own for it"
+                raise ArgumentError(place, words)
+        some = Directions(rows=rows[[storey - 1 for storey in storeys]], labels=tuple(storeys))
+        return some.factored(factor)
+
+    return on
+
+
+def effects_of(
+    terms: Sequence[AnyTerm], on: Place, place: str = "damping", *, before: int = 0
+) -> tuple[Effect, ...]:
+    """Effects of the terms in the list at `place`; dampers are numbered from `before` + 1 on."""
     found: list[Effect] = []
     for index, term in enumerate(terms):
         try:
             made = term.effects(partial(on, term))
-            for one in made:
-                # `replace` would check its matrix again
-                own = copy.copy(one)
-                vars(own).update(name=term.name or "", number=before + index + 1)
-                found.append(own)
         except ArgumentError as error:
             raise error.below(f"{place}.{index}") from None
-    damping = tuple(one for one in found if isinstance(one, FractionalDamping))
-    return damping, tuple(one for one in found if not isinstance(one, FractionalDamping))
+        for one in made:
+            # `replace` would check its matrix again
+            own = copy.copy(one)
+            vars(own).update(name=term.name or "", number=before + index + 1)
+            found.append(own)
+    return tuple(found)
 
 
 def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:

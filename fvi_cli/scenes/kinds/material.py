@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Final, Literal, Self
+from typing import Annotated, Final, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -12,10 +12,11 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.scenes.forces import Piece, Pieces, TimeFunction, build_forcing, with_numbers
+from fvi_cli.scenes.data import sorted_effects
+from fvi_cli.scenes.forces import TimeFunction, build_forcing
 from fvi_cli.scenes.keys.values import BY_FORM, Positive, Wrong, key
 from fvi_cli.scenes.kinds.kind import Kind
-from fvi_cli.scenes.kinds.laws import Term, build_damping, check_names_of_dampers
+from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of, on_coordinates
 from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.samples import Samples
@@ -72,7 +73,11 @@ class Material(Kind):
         """The displacement."""
         final_time = float(self.final_time or 0.0)
         displacement = build_forcing(
-            self._numeric(self.displacement), 1, "displacement", final_time=final_time
+            self.displacement,
+            1,
+            "displacement",
+            final_time=final_time,
+            parameters=self.parameters,
         )
         if displacement is None:
             raise ArgumentError("displacement", "it is constant; give a displacement that changes")
@@ -84,9 +89,9 @@ class Material(Kind):
         """The law along a displacement."""
         check_names((COORDINATE,), self.parameters)
         terms = self.law if isinstance(self.law, list) else [self.law]
-        damping, laws = build_damping(terms, (COORDINATE,), place="law")
-        check_names_of_dampers((*damping, *laws), "law")
-        for one in damping:
+        effects = sorted_effects(effects_of(terms, on_coordinates((COORDINATE,)), "law"))
+        check_names_of_dampers((*effects["damping"], *effects["laws"]), "law")
+        for one in effects["damping"]:
             if one.order > 1 and (motion.kinks or motion.displacement.break_points):
                 raise ArgumentError(
                     f"law.{one.number - 1}.order",
@@ -98,25 +103,12 @@ class Material(Kind):
             initial_position=np.array([motion.start]),
             initial_velocity=np.array([motion.start_rate]),
             final_time=motion.final_time,
-            damping=damping,
-            laws=laws,
+            **effects,
             prescribed=motion,
         )
         if self.parameters:
             check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
         return scene
-
-    def _numeric(self, given: Any) -> Any:
-        """The displacement with numbers in place of parameters, so that it has a rate."""
-        if isinstance(given, str):
-            return with_numbers(given, self.parameters)
-        if isinstance(given, Pieces):
-            pieces = [
-                Piece.model_construct(until=one.until, value=self._numeric(one.value))
-                for one in given.pieces
-            ]
-            return Pieces.model_construct(pieces=pieces)
-        return given
 
     def build_problem(self) -> Problem:
         """The law along its displacement, which has no errors."""

@@ -1,63 +1,41 @@
-"""One mass or a few: linear equations, nonlinear ones, and systems by their Lagrangian."""
+"""One mass or a few, and systems by their Lagrangian."""
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Final, Literal, Unpack
+from typing import Annotated, Any, Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from fvi_cli.effects.scene import Scene
-from fvi_cli.scenes.data import SceneData, duffing, kepler, linear_oscillator, pendulum
+from fvi_cli.scenes.data import duffing, kepler, pendulum
 from fvi_cli.scenes.keys.values import NotNegative, Pair, Positive, key
 from fvi_cli.scenes.kinds.kind import Forced
-from fvi_cli.scenes.kinds.laws import Damper
-from fvi_cli.scenes.lagrangian import check_names, double_pendulum, lagrangian_scene
-from fvi_cli.scenes.structures.matrix_keys import (
-    NumberOrMatrix,
-    PositiveOrMatrix,
-    is_sparse_file,
-    matrix_of,
-)
-
-_LINEAR: Final = "M x'' + sum mu D^gamma x + K x = f(t)"
-_MASS: Final = key(
-    "M: a number, a symmetric positive definite matrix or {file: M.mtx}.", 1.0, unit="unit of mass"
-)
-_STIFFNESS: Final = key(
-    "K: a number, a symmetric matrix or {file: K.mtx}.", 1.0, unit="mass per time^2"
-)
-
-
-def _linear(mass: object, stiffness: object, **data: Unpack[SceneData]) -> Scene:
-    size = np.size(data["initial_position"])
-    sparse = any(map(is_sparse_file, (mass, stiffness)))
-    return linear_oscillator(
-        mass=matrix_of(mass, size, sparse=sparse),
-        stiffness=matrix_of(stiffness, size, sparse=sparse),
-        **data,
-    )
+from fvi_cli.scenes.kinds.laws import Term
+from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
+from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix
+from fvi_cli.scenes.structures import structure
 
 
 class DampedOscillator(Forced):
     """A linear equation."""
 
-    equation = _LINEAR
-    make = staticmethod(_linear)
+    equation = "M x'' + sum mu D^gamma x + K x = f(t)"
+    make = staticmethod(structure)
     kind: Literal["damped-oscillator"] = key("Which equation.", "damped-oscillator")
-    mass: PositiveOrMatrix = _MASS
-    stiffness: NumberOrMatrix = _STIFFNESS
+    mass: PositiveOrMatrix = key(
+        "M: a number, a symmetric positive definite matrix or {file: M.mtx}.",
+        1.0,
+        unit="unit of mass",
+    )
+    stiffness: NumberOrMatrix = key(
+        "K: a number, a symmetric matrix or {file: K.mtx}.", 1.0, unit="mass per time^2"
+    )
 
 
-class BagleyTorvik(Forced):
+class BagleyTorvik(DampedOscillator):
     """A linear equation with damping of order 3/2, by default."""
 
     title = "Bagley–Torvik"
-    equation = _LINEAR
-    make = staticmethod(_linear)
-    kind: Literal["bagley-torvik"] = key("Which equation.", "bagley-torvik")
-    mass: PositiveOrMatrix = _MASS
-    stiffness: NumberOrMatrix = _STIFFNESS
+    kind: Literal["bagley-torvik"] = key("Which equation.", "bagley-torvik")  # type: ignore[assignment]
 
     @model_validator(mode="before")
     @classmethod
@@ -79,8 +57,7 @@ class Pendulum(Forced):
 
     equation = "x'' + sum mu D^gamma x + omega^2 sin x = f(t)"
     make = staticmethod(pendulum)
-    size = 1
-    size_key = "omega"
+    names = ("x",)
     kind: Literal["pendulum"] = key("Which equation.", "pendulum")
     omega: NotNegative = key("Angular frequency of small oscillations.", 1.0, unit="1/time")
 
@@ -90,7 +67,7 @@ class Duffing(Forced):
 
     equation = "mass x'' + sum mu D^gamma x + stiffness x + cubic_stiffness x^3 = f(t)"
     make = staticmethod(duffing)
-    size = 1
+    names = ("x",)
     kind: Literal["duffing"] = key("Which equation.", "duffing")
     mass: Positive = key("Mass.", 1.0, unit="unit of mass")
     stiffness: float = key(
@@ -106,7 +83,6 @@ class Kepler(Forced):
 
     equation = "q'' + sum mu D^gamma q + attraction q/|q|^3 = f(t), q = (x, y)"
     make = staticmethod(kepler)
-    size = 2
     names = ("x", "y")
     kind: Literal["kepler"] = key("Which equation.", "kepler")
     attraction: float = key(
@@ -121,8 +97,9 @@ class DoublePendulum(Forced):
         "two rods, angles theta1, theta2 from the vertical; the joints turn "
         "against c D^gamma of theta1 and of theta2 - theta1"
     )
-    size = 2
+    make = staticmethod(double_pendulum)
     names = ("theta1", "theta2")
+    dampers_key = "joints"
     kind: Literal["double-pendulum"] = key("Which equation.", "double-pendulum")
     masses: Pair[Positive] = key(
         "Point masses at the ends of the first and the second rod.",
@@ -131,24 +108,13 @@ class DoublePendulum(Forced):
     )
     lengths: Pair[Positive] = key("Lengths of the rods.", [1.0, 1.0], unit="length")
     gravity: float = key("Acceleration of free fall.", 1.0, unit="length per time^2")
-    joints: list[Damper] = key("Fractional dampers c D^gamma in both joints.", [])
-
-    def make_scene(self, **data: Any) -> Scene:
-        """The scene."""
-        return double_pendulum(
-            masses=(self.masses[0], self.masses[1]),
-            lengths=(self.lengths[0], self.lengths[1]),
-            gravity=self.gravity,
-            joints=[one.value() for one in self.joints],
-            **data,
-        )
+    joints: list[Term] = key("Dampers, c D^gamma or any law, in both joints.", [])
 
 
 class LagrangianKind(Forced):
     """Any mechanical system, by the formula of its Lagrangian."""
 
     equation = "d/dt dL/dv - dL/dq + sum mu D^gamma q = f(t)"
-    size_key = "coordinates"
     kind: Literal["lagrangian"] = key("Which equation.", "lagrangian")
     coordinates: Annotated[list[str], Field(min_length=1, max_length=100)] = key(
         "Names of the coordinates q; the velocity of x is vx."
@@ -159,17 +125,12 @@ class LagrangianKind(Forced):
         unit="energy",
     )
 
-    def own_names(self) -> tuple[str, ...]:
+    def coordinate_names(self) -> tuple[str, ...]:
         """The coordinates."""
-        names = tuple(self.coordinates)
-        check_names(names, self.parameters)
-        return names
+        return tuple(self.coordinates)
 
-    def make_scene(self, **data: Any) -> Scene:
-        """The scene."""
-        return lagrangian_scene(
-            coordinates=tuple(self.coordinates),
-            lagrangian=self.lagrangian,
-            parameters=self.parameters,
-            **data,
-        )
+    def own(self) -> dict[str, Any]:
+        """The values of its own keys."""
+        return {**super().own(), "parameters": self.parameters}
+
+    make = staticmethod(lagrangian_scene)

@@ -1,57 +1,60 @@
-"""Equal parts in a row: a chain of masses, a building, a string."""
+"""Structures: by matrices, chains of masses, buildings, strings."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import lru_cache, partial
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Annotated, Any, Final, Literal
 
 import numpy as np
 from pydantic import Field
 
-from fvi_cli.effects.damping import Coefficient
-from fvi_cli.effects.directions import Directions
-from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.chains import Ends, chain, frame, neighbour_rows, string
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, TimeFunction
-from fvi_cli.scenes.keys.values import (
-    BY_FORM,
-    Count,
-    Fraction,
-    KeyPath,
-    Keys,
-    Positive,
-    Wrong,
-    key,
-)
+from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive, Wrong, key
 from fvi_cli.scenes.kinds.kind import Forced, SceneKind
-from fvi_cli.scenes.kinds.laws import AnyTerm, Damper, Term, damping_effects
+from fvi_cli.scenes.kinds.laws import Place, Term, between_parts
+from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix, Vector
 from fvi_cli.scenes.records.samples import Column
-from fvi_cli.scenes.structures.rayleigh import Rayleigh
+from fvi_cli.scenes.structures import (
+    Ends,
+    Rayleigh,
+    chain,
+    frame,
+    neighbour_rows,
+    string,
+    structure,
+)
 
 USUAL_STOREYS: Final = 3
 BASE_SHEAR: Final = "base_shear"
+RAYLEIGH: Final = key(
+    "Damping (a M + b K) D^gamma x, by its factors or by the ratios of two modes of M and K.", None
+)
 
 
-def _between_floors(count: int, term: AnyTerm, factor: object) -> Coefficient:
-    """The coefficient of a damper in a building of `count` storeys."""
-    if not isinstance(factor, float):
-        raise ArgumentError("coefficient", "a damper between floors has a number")
-    storeys = term.storeys or ()
-    for index, storey in enumerate(storeys):
-        place = "storey" if len(storeys) == 1 else f"storey.{index}"
-        if storey > count:
-            raise ArgumentError(place, f"{storey} is not allowed; write 1 to {count}, the storeys")
-        if storey in storeys[:index]:
-            raise ArgumentError(place, f"{storey} is given twice; write a damper of its own for it")
-    labels = tuple(storeys) or tuple(range(1, count + 1))
-    rows = neighbour_rows(count, "left")[[storey - 1 for storey in labels]]
-    return Directions(rows=rows, labels=labels).factored(factor)
+class Structure(Forced):
+    """A structure by its matrices."""
+
+    equation = "M x'' + sum mu D^gamma x + K x = f(t) - M r a(t)"
+    make = staticmethod(structure)
+    forces = ("forcing", "ground_acceleration")
+    kind: Literal["structure"] = key("Which equation.", "structure")
+    mass: PositiveOrMatrix = key("M: a matrix, {file: M.mtx} or a number.", unit="unit of mass")
+    stiffness: NumberOrMatrix = key(
+        "K: a matrix, {file: K.mtx} or a number.", unit="mass per time^2"
+    )
+    rayleigh: Rayleigh | None = RAYLEIGH
+    ground_acceleration: TimeFunction = GROUND_ACCELERATION
+    ground_direction: Annotated[float | list[float] | Vector, BY_FORM] = key(
+        "r: how far every coordinate goes with a ground that moves by 1; a list that is shorter is "
+        "a pattern, which is repeated.",
+        1.0,
+    )
 
 
 class Chain(Forced):
@@ -61,7 +64,8 @@ class Chain(Forced):
         "mass x_i'' + (stiffness + sum c D^gamma) (2 x_i - x_(i-1) - x_(i+1)) + sum mu "
         "D^gamma x_i = f_i(t)"
     )
-    size_key = "masses"
+    make = staticmethod(chain)
+    dampers_key = "dampers"
     kind: Literal["chain"] = key("Which equation.", "chain")
     masses: Count = key(
         "Number n of masses; the coordinates are x1 ... xn (x if there is one).", 10
@@ -71,18 +75,11 @@ class Chain(Forced):
     ends: Ends = key(
         "Which ends of the chain are tied to a wall by a spring and its dampers.", "both"
     )
-    dampers: list[Damper] = key("Fractional dampers c D^gamma parallel to every spring.", [])
+    dampers: list[Term] = key("Dampers, c D^gamma or any law, parallel to every spring.", [])
 
-    def make_scene(self, **data: Any) -> Scene:
-        """The scene."""
-        return chain(
-            masses=self.masses,
-            mass=self.mass,
-            stiffness=self.stiffness,
-            ends=self.ends,
-            dampers=[one.value() for one in self.dampers],
-            **data,
-        )
+    def count(self) -> int:
+        """Number of masses."""
+        return self.masses
 
 
 _Storeys = Annotated[list[Positive], Field(min_length=1, max_length=1000)]
@@ -94,11 +91,6 @@ _MASS: Final = (
 _SHEAR: Final = "Shear stiffness of every storey, likewise; default: 1."
 
 
-def _each(value: object) -> Any:
-    """A number or the numbers of a list or column."""
-    return value.numbers.tolist() if isinstance(value, Column) else value
-
-
 class FrameKind(SceneKind):
     """A building of storeys that shear, shaken by the ground."""
 
@@ -106,7 +98,9 @@ class FrameKind(SceneKind):
         "mass_i x_i'' + s_i - s_(i+1) + sum mu D^gamma x_i = -mass_i a(t), s_i = (stiffness_i "
         "+ sum c D^gamma) (x_i - x_(i-1))"
     )
+    make = staticmethod(frame)
     forces = ("ground_acceleration",)
+    dampers_key = "dampers"
     kind: Literal["frame"] = key("Which equation.", "frame")
     storeys: Count | None = key(
         "Number n of storeys; x1 ... xn are their displacements against the ground. Default: the "
@@ -124,50 +118,54 @@ class FrameKind(SceneKind):
         [],
         unit="coefficient: mass times time^(gamma-2)",
     )
-    rayleigh: Rayleigh | None = key(
-        "Damping (a M + b K) D^gamma x, by its factors or by the ratios of two modes of masses and "
-        "stiffnesses.",
-        None,
-    )
+    rayleigh: Rayleigh | None = RAYLEIGH
     ground_acceleration: TimeFunction = GROUND_ACCELERATION
 
     def mistakes(self) -> Iterator[Wrong]:
-        """Two words for one property, and directions of dampers between floors, too."""
+        """Two words for one property, too."""
         yield from super().mistakes()
         for one, other in (("mass", "masses"), ("stiffness", "stiffnesses")):
             if getattr(self, one) is not None and getattr(self, other) is not None:
                 yield Wrong((other,), f"give this or {one}, not both", of_key=True)
-        for number, term in enumerate(self.dampers):
-            if term.acts_on is not None:
-                message = "not a key here: write storey, or give the term under damping"
-                yield Wrong(("dampers", number, "acts_on"), message, of_key=True)
 
-    @property
-    def storey_masses(self) -> Array:
-        """The masses from the ground up, shape ``(n,)``."""
-        return self._per_storey(self.mass or self.masses or 1.0)
+    def _given(self, *names: str) -> tuple[str, Array]:
+        """The key of a property, and its number or one for each storey from the ground up."""
+        found = [(one, value) for one in names if (value := getattr(self, one)) is not None]
+        name, value = found[0] if found else (names[0], 1.0)
+        return name, np.asarray(value.numbers if isinstance(value, Column) else value, dtype=float)
 
-    def _per_storey(self, given: object) -> Array:
-        return np.broadcast_to(np.asarray(_each(given), dtype=float), self.stated_size()[1])
+    def _masses(self) -> tuple[str, Array]:
+        return self._given("masses", "mass")
 
-    def make_scene(self, **data: Any) -> Scene:
-        """The scene; terms of ``dampers`` come before those of ``damping``."""
-        count = self.stated_size()[1]
-        before = max((one.number for one in (*data["damping"], *data["laws"])), default=0)
-        between = partial(_between_floors, count)
-        damping, laws = damping_effects(self.dampers, between, "dampers", before=before)
-        data["damping"], data["laws"] = (*damping, *data["damping"]), (*laws, *data["laws"])
-        return frame(
-            storeys=count,
-            mass=_each(self.mass or self.masses or 1.0),
-            stiffness=_each(self.stiffness or self.stiffnesses or 1.0),
-            rayleigh=self.rayleigh,
-            **data,
-        )
+    def _stiffnesses(self) -> tuple[str, Array]:
+        return self._given("stiffnesses", "stiffness")
+
+    def count(self) -> int:
+        """Number of storeys."""
+        lists = [one.size for _, one in (self._masses(), self._stiffnesses()) if one.ndim]
+        return self.storeys or (lists[0] if lists else USUAL_STOREYS)
+
+    def own(self) -> dict[str, Any]:
+        """The values of its own keys."""
+        for name, given in (self._masses(), self._stiffnesses()):
+            if given.ndim and given.size != self.count():
+                raise ArgumentError(name, f"{given.size} numbers for {self.count()} storeys")
+        return {
+            "storeys": self.count(),
+            "mass": self._masses()[1],
+            "stiffness": self._stiffnesses()[1],
+            "dampers": super().own()["dampers"],
+            "rayleigh": self.rayleigh,
+        }
+
+    def between(self) -> Place:
+        """Where dampers between floors act."""
+        return between_parts(neighbour_rows(self.count(), "left"))
 
     def numbers(self) -> Mapping[str, float]:
         """The parameters, and ``mass_1``, ..., the masses of the storeys."""
-        masses = {f"mass_{n}": one for n, one in enumerate(self.storey_masses.tolist(), start=1)}
+        each = np.broadcast_to(self._masses()[1], self.count()).tolist()
+        masses = {f"mass_{n}": one for n, one in enumerate(each, start=1)}
         if taken := masses.keys() & self.parameters.keys():
             raise ArgumentError(f"parameters.{min(taken)}", "is the mass of a storey; take another")
         return {**masses, **self.parameters}
@@ -175,16 +173,6 @@ class FrameKind(SceneKind):
     def ready_quantities(self) -> Mapping[str, Expression]:
         """Drifts, absolute accelerations (with the ground), and the force of the foundation."""
         return frame_quantities(self.coordinate_names())
-
-    def stated_size(self) -> tuple[KeyPath, int]:
-        """Path and value of the key with the number of storeys."""
-        if self.storeys is not None:
-            return ("storeys",), self.storeys
-        for name in ("masses", "stiffnesses", "mass", "stiffness"):
-            value = _each(getattr(self, name))
-            if isinstance(value, list):
-                return (name,), len(value)
-        return ("storeys",), USUAL_STOREYS
 
 
 @lru_cache(maxsize=8)
@@ -229,23 +217,21 @@ class String(Forced):
         "u_tt + sum mu D^gamma u - sum eta D^gamma u_ss = wave_speed^2 u_ss in sine modes "
         "x1, x2, ..."
     )
-    size_key = "modes"
+    make = staticmethod(string)
+    dampers_key = "internal_damping"
     kind: Literal["string"] = key("Which equation.", "string")
     modes: Count = key("Number n of sine modes; the coordinates x1 ... xn are their amplitudes.", 8)
     wave_speed: Positive = key("c, the speed of waves.", 1.0, unit="length per time")
     length: Positive = key("L, the distance of the ends.", 1.0, unit="length")
     pluck: Pluck = key("A triangle that is added to the initial position.", Pluck())
-    internal_damping: list[Damper] = key(
-        "Terms -eta D^gamma u_ss of the material, eta their coefficient.", []
+    internal_damping: list[Term] = key(
+        "Terms -eta D^gamma u_ss of the material, or any law; eta is their coefficient.", []
     )
 
-    def make_scene(self, **data: Any) -> Scene:
-        """The scene."""
-        return string(
-            modes=self.modes,
-            wave_speed=self.wave_speed,
-            length=self.length,
-            pluck=(self.pluck.at, self.pluck.height),
-            internal_damping=[one.value() for one in self.internal_damping],
-            **data,
-        )
+    def count(self) -> int:
+        """Number of modes."""
+        return self.modes
+
+    def own(self) -> dict[str, Any]:
+        """The values of its own keys."""
+        return {**super().own(), "pluck": (self.pluck.at, self.pluck.height)}

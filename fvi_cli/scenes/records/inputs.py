@@ -12,14 +12,56 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, model_validator
 
-from fvi_cli.errors import ArgumentError, excerpt
+from fvi_cli.errors import ArgumentError, excerpt, suggestion
 from fvi_cli.scenes.keys.values import Keys, Wrong, key, refused
-from fvi_cli.scenes.records.data_files import DataFileError
 
+LARGEST_TEXT: Final = 20_000_000
+MOST_LINES: Final = 1_000_000
 PLACE: Final = ("file", "column", "time", "decimal", "variable")
 """Keys that say where numbers stand; the digest says which ones they are."""
 
 _KEPT: Final[dict[str, NDArray[Any]]] = {}
+
+
+class DataFileError(Exception):
+    """A file cannot be used; one message for each of the first mistakes, at a key."""
+
+    def __init__(self, *messages: str, key: str = "file") -> None:
+        self.messages, self.key = messages, key
+        super().__init__("\n".join(messages))
+
+
+def read_content(path: Path, name: str, largest: int) -> bytes:
+    """The bytes of a file; refuses more than `largest` bytes."""
+    try:
+        # reading a pipe or a device might never end
+        if path.exists() and not path.is_file():
+            raise DataFileError(f"{name}: not a file")
+        with path.open("rb") as file:
+            content = file.read(largest + 1)
+    except FileNotFoundError:
+        near = suggestion(path.name, [one.name for one in path.parent.glob("*") if one.is_file()])
+        near = "; write / in place of \\" if "\\" in name else near
+        near = near or "; paths begin at the folder of the configuration"
+        raise DataFileError(f"{name}: cannot be read: no such file{near}") from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or type(error).__name__
+        raise DataFileError(f"{name}: cannot be read: {reason}") from None
+    if len(content) > largest:
+        raise DataFileError(f"{name}: more than {largest // 10**6} MB: too large")
+    return content
+
+
+def read_text(path: Path, name: str, encoding: str = "utf-8-sig") -> str:
+    """The text of a file; refuses other encodings, and what takes long to read."""
+    content = read_content(path, name, LARGEST_TEXT)
+    if max(content.count(b"\n"), content.count(b"\r")) > MOST_LINES:
+        raise DataFileError(f"{name}: more than {MOST_LINES} lines; thin it out")
+    try:
+        return content.decode(encoding)
+    except UnicodeDecodeError as error:
+        line = content[: error.start].count(b"\n") + 1
+        raise DataFileError(f"{name}:{line}: not UTF-8; save the file as UTF-8 text") from None
 
 
 class FromFile(Keys):
@@ -45,7 +87,7 @@ class FromFile(Keys):
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:
-        if is_kept(self.digest):
+        if self.digest in _KEPT:
             return self
         context: Mapping[str, Any] = info.context or {}
         path = Path(context.get("folder") or "", self.file)
@@ -79,11 +121,6 @@ def keep_numbers(numbers: NDArray[Any]) -> str:
         numbers.setflags(write=False)
         _KEPT[digest] = numbers
     return digest
-
-
-def is_kept(digest: object) -> bool:
-    """Whether the numbers of a digest are known."""
-    return digest in _KEPT
 
 
 def kept_numbers(digest: str) -> NDArray[Any]:

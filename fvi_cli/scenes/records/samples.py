@@ -14,15 +14,12 @@ from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.keys.values import BY_FORM, key
 from fvi_cli.scenes.records.csv_samples import (
-    NO_TEXT,
-    SPREADSHEETS,
     SUFFIX,
     read_at2_samples,
     read_csv_columns,
     read_csv_samples,
 )
-from fvi_cli.scenes.records.data_files import DataFileError, no_such_file
-from fvi_cli.scenes.records.inputs import FromFile, kept_numbers
+from fvi_cli.scenes.records.inputs import DataFileError, FromFile, kept_numbers
 
 STANDARD_GRAVITY: Final = 9.80665
 """Acceleration of free fall, in m/s^2 (CGPM 1901)."""
@@ -62,37 +59,31 @@ class Samples(FromFile):
 
     def read(self, path: Path, name: str) -> NDArray[Any]:
         """Times and values, shape ``(n, 2)``."""
-        suffix = path.suffix.lower()
-        if suffix in SPREADSHEETS:
-            raise DataFileError(f"{name}: {NO_TEXT}")
-        if suffix == SUFFIX and self.column is not None:
+        if path.suffix.lower() == SUFFIX and self.column is not None:
             raise DataFileError("not for AT2, which has one column", key="column")
-        if suffix != SUFFIX and self.column is None:
-            if not path.exists():
-                raise DataFileError(no_such_file(path, name))
+        if path.suffix.lower() == SUFFIX:
+            time, values, _ = read_at2_samples(path, name)
+        elif self.column is None:
             message = "missing: the name of a column (records whose names end in .at2 need none)"
             raise DataFileError(message, key="column")
-        if suffix == SUFFIX:
-            found = read_at2_samples(path, name)
         else:
-            columns = (self.time, self.column or "")
-            found = read_csv_samples(path, name, *columns, decimal=self.decimal)
-        return np.column_stack([found.time, found.values])
+            time, values, _ = read_csv_samples(
+                path, name, self.time, self.column, decimal=self.decimal
+            )
+        return np.column_stack([time, values])
 
     def component(self, final_time: float) -> SampledForce:
         """The component of a force; refuses samples that do not reach over [0, T]."""
-        time = self.numbers[:, 0]
+        first, last = self.numbers[[0, -1], 0].tolist()
         slack = 1e-9 * final_time
-        ends_early = time[-1] < final_time - slack
-        if time[0] > slack or (ends_early and self.beyond != "zero"):
-            hint = ""
-            if time[0] <= slack:
-                hint = "; write beyond: zero for no force after them, or final_time: "
-                hint += f"{time[-1]:g}"
+        ends_early = last < final_time - slack and self.beyond != "zero"
+        if first > slack or ends_early:
+            hint = "; write beyond: zero for no force after them, or final_time: "
             raise ArgumentError(
                 "file",
-                f"the samples of {self.file} reach from t = {time[0]:g} to {time[-1]:g}; they must "
-                f"reach from 0 to final_time = {final_time:g}{hint}",
+                f"the samples of {self.file} reach from t = {first:g} to {last:g}; they must "
+                f"reach from 0 to final_time = {final_time:g}"
+                + ("" if first > slack else f"{hint}{last:g}"),
             )
         factor = STANDARD_GRAVITY if self.scale == "g" else float(self.scale)
         source = f"{self.column or 'acceleration'} of {self.file}"
@@ -121,10 +112,9 @@ class Column(FromFile):
 
     def read(self, path: Path, name: str) -> NDArray[Any]:
         """The numbers, shape ``(n,)``."""
-        found = read_csv_columns(path, name, (self.column,), decimal=self.decimal)
-        numbers = found.table[:, 0].copy()
-        for value, line in zip(numbers.tolist(), found.lines, strict=True):
-            if not value > 0:
-                message = f"{name}:{line}: {self.column} = {value:g}; it must be above 0"
-                raise DataFileError(message)
+        table, lines = read_csv_columns(path, name, (self.column,), decimal=self.decimal)
+        numbers = table[:, 0].copy()
+        if wrong := np.flatnonzero(numbers <= 0).tolist():
+            value = f"{self.column} = {numbers[wrong[0]]:g}"
+            raise DataFileError(f"{name}:{lines[wrong[0]]}: {value}; it must be above 0")
         return numbers

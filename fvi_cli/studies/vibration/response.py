@@ -15,7 +15,7 @@ from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-from fvi_cli.scenes.structures.structure import ground_shares
+from fvi_cli.scenes.structures import ground_shares
 from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
 from fvi_cli.studies.vibration.peaks import (

@@ -8,7 +8,7 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import linear_oscillator
+from fvi_cli.scenes.structures import linear_oscillator
 
 
 def test_a_force_that_is_zero_at_first():

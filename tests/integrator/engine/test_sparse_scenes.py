@@ -25,8 +25,8 @@ from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.scenes.chains import springs_form
 from fvi_cli.scenes.registry import build_scene
+from fvi_cli.scenes.structures import springs_form
 
 GAUSS = Method(cq="gauss", degree=2, start="graded")
 

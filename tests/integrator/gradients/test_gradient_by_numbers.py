@@ -20,10 +20,10 @@ from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.quantity import position_at, quantity_at
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import linear_oscillator
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.structures import linear_oscillator
 
 STEP = 1e-30
 
@@ -110,7 +110,7 @@ def test_named_constants_pieces_and_factors_of_samples():
 
     def family(w: float, c: float, s: float) -> Scene:
         first = Expression.parse("sin(w*t)*c**3", ("t",), {"w": w, "c": c})
-        sampled = SampledForce.through(knots, samples, "linear").scaled(s)
+        sampled = SampledForce.through(knots, samples, "linear").times(s)
         later = sampled.plus(Expression.parse("e*t/w", ("t",), {"e": c, "w": w}))
         pieces = (
             ForcingPiece(components=(first,), until=25.0),

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from oracles.contour import talbot_inverse
 
 import fvi_cli as fvi
-from fvi_cli.scenes.chains import frame
 from fvi_cli.scenes.data import duffing
 from fvi_cli.scenes.lagrangian import double_pendulum
 from fvi_cli.scenes.registry import build_problem
+from fvi_cli.scenes.structures import frame
 
 Array = NDArray[np.float64]
 
@@ -20,7 +20,7 @@ SHEAR = "ax1 + ax2 + ax3 + 3*sin(3*t)"
 FRAME = frame(
     storeys=3,
     stiffness=10.0,
-    dampers=[(0.5, 0.5)],
+    dampers=[fvi.FractionalDamping(order=0.5, coefficient=0.5)],
     ground_acceleration=fvi.Forcing.from_text("sin(3*t)"),
     final_time=FINAL_TIME,
 )
@@ -157,7 +157,8 @@ def test_damping_force_of_order_one_and_of_a_known_motion():
 
 
 def test_acceleration_with_a_mass_matrix_that_depends_on_the_position():
-    scene = double_pendulum(joints=[(0.5, 0.3)], initial_position=[1.0, 0.5], final_time=4.0)
+    joint = fvi.FractionalDamping(order=0.5, coefficient=0.3)
+    scene = double_pendulum(joints=[joint], initial_position=[1.0, 0.5], final_time=4.0)
     asked = {"a": "atheta1", "v": "vtheta1"}
     step = 1e-3
     times = np.linspace(0.5, 3.5, 7)

@@ -1,1 +1,0 @@
-"""Structures of finite-element programs: matrices from files."""
