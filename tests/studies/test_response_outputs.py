@@ -79,3 +79,13 @@ def test_peaks_of_accelerations_lie_where_those_are_largest():
         assert peak.hertz == pytest.approx(fine[dense.magnitude[:, index].argmax()], abs=1e-3)
         assert peak.magnitude == pytest.approx(dense.magnitude[:, index].max(), rel=1e-5)
     assert table.qualities == ("displacement", "acceleration")
+
+
+def test_an_output_that_the_load_does_not_reach_is_zero():
+    apart = {"kind": "structure", "mass": [[1, 0], [0, 1]], "stiffness": [[2, 0], [0, 3]]}
+    problem = {**apart, "initial": {"position": [0, 0]}, "final_time": 1.0, "exact": "none"}
+    config = {"name": "apart", "problem": problem, "ladder": {"steps": [8]}}
+    (table,) = fvi.response(config, frequency="0.1:0.4:11", force=["x1"], at=["x1", "x2"])
+    assert not table.values[:, 1].any()
+    assert table.values[:, 0].all()
+    assert [peak.at for peak in table.peaks] == ["x1"]

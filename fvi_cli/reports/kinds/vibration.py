@@ -10,8 +10,7 @@ from typing import Any
 from fvi_cli.reports.document import Block, Grid, Heading, Paragraph
 from fvi_cli.reports.naming import all_units, columns_with_units, member_columns, with_ratio
 from fvi_cli.reports.table import About, Column, Report, Sheet, Within, rows_of, within
-from fvi_cli.studies.vibration.modes import ModeTable
-from fvi_cli.studies.vibration.region import DISSIPATIVE_ANGLE, LARGEST_RATIO
+from fvi_cli.studies.vibration.modes import LARGEST_RATIO, ModeTable
 from fvi_cli.studies.vibration.response import GROUND, ResponseTable
 
 FREQUENCY = Within(relative=1e-6)
@@ -51,11 +50,6 @@ MODE_COLUMNS = (
         ),
     ),
 )
-REACHES = {
-    "all": "No mode with such a damping ratio lies outside of it.",
-    "faster": "Slower motions, such as those of a rigid body, were not counted.",
-    "around": "It was chosen around these modes; what lies outside of it was not counted.",
-}
 EXPERIMENT = Column("experiment", "name of the experiment", get="table.name")
 MEMBER = Column("member", "swept values", "member", get="table.member")
 
@@ -94,7 +88,6 @@ PEAK_COLUMNS = (
         Column("low_hz", "half-power point below", "half power from", ".6g", FREQUENCY, get="low"),
         Column("high_hz", "half-power point above", "to", ".6g", FREQUENCY, get="high"),
         Column("loss_factor", "width relative to frequency", "loss factor", ".5g", SMALL),
-        Column("modes", "modes that belong to this peak", "modes"),
     ),
 )
 
@@ -195,26 +188,17 @@ def _completeness(tables: Sequence[ModeTable]) -> Iterator[str]:
 
 def completeness(table: ModeTable) -> str:
     """Whether any mode is missing, in words."""
-    if table.sector is None or table.counted is None:
-        return (
-            "Modes were not counted: one lies at the edge of every region that was tried, so that "
-            "others may be missing."
-        )
-    sector = table.sector
-    least, greatest = -math.cos(sector.first), -math.cos(sector.last)
-    ratios = (
-        f"{least:.3f} to {greatest:.3f}"
-        if sector.first < DISSIPATIVE_ANGLE
-        else f"up to {greatest:.3f}"
-    )
+    region = table.region
     where = (
-        f"with {sector.least / (2 * math.pi):.4g} < |s|/(2 pi) < "
-        f"{sector.largest / (2 * math.pi):.4g} and damping ratios {ratios}"
+        f"{region.least / (2 * math.pi):.4g} < |s|/(2 pi) < {region.largest / (2 * math.pi):.4g} "
+        f"and damping ratios up to {LARGEST_RATIO}"
     )
+    if table.counted is None:
+        return f"Modes with {where} were not counted, and others may be missing."
     return (
         f"{'None is missing' if table.is_complete else 'Not complete'}: the argument of the "
-        f"determinant turns {table.counted} times around the region {where}, in which "
-        f"{table.inside} modes are found. {REACHES[table.reach]}"
+        f"determinant turns {table.counted} times around the region with {where}, in which "
+        f"{table.inside} modes are found."
     )
 
 
@@ -270,12 +254,12 @@ def _response_words(name: str, tables: Sequence[ResponseTable], peaks: Sheet) ->
         own = [one for one in tables if one.name == experiment]
         for one in own:
             prefix = f"{one.member}: " if one.member else ""
-            if not one.known.are_all:
+            if not one.has_all_modes:
                 yield Paragraph(
                     f"{prefix}Not all modes in the range are known: peaks that are narrower "
                     "than the spacing of the frequencies may be missing."
                 )
-            if one.known.growing:
+            if one.grows:
                 yield Paragraph(
                     f"{prefix}A mode grows (fvi modes): motions do not settle into this response."
                 )

@@ -102,7 +102,7 @@ def _displacements(
         found = []
         for one in scenes:
             parts = DynamicStiffness(one)
-            symbols = parts.symbols_over(s)
+            symbols = parts.symbols(s)
             every: Any = zip(symbols.T, parts.forms, strict=True)  # dense or sparse
             total = sum(symbol[:, None] * (form @ response.T).T for symbol, form in every)
             found.append(total - force(one))
@@ -118,12 +118,12 @@ def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexAr
     try:
         if not stiffness.is_sparse:
             forms = np.stack(list(map(dense, stiffness.forms)))
-            inverse = np.linalg.inv(np.tensordot(stiffness.symbols_over(s), forms, axes=1))
+            inverse = np.linalg.inv(np.tensordot(stiffness.symbols(s), forms, axes=1))
             return lambda right: np.asarray(inverse @ right)
-        factors = [stiffness.factors(one) for one in s.tolist()]
+        inverses = [stiffness.solver(one) for one in s.tolist()]
     except np.linalg.LinAlgError:
         raise ValueError("a mode without damping lies at a measured frequency") from None
-    return lambda right: np.array([o.solve(b) for o, b in zip(factors, right, strict=True)])
+    return lambda right: np.array([of(b) for of, b in zip(inverses, right, strict=True)])
 
 
 def _damper_stiffness(scene: Scene, s: ComplexArray) -> ComplexArray:

@@ -1,46 +1,50 @@
 r"""Modes of damped structures: the nonlinear eigenvalue problem T(s) v = 0.
 
-The starting vectors are undamped modes, of the mass and the real part of :math:`K + \sum_j g_j D_j`
-at the frequency in question. Inverse iteration with a Rayleigh functional leads each to a solution
-(Schwetlick, Schreiber, *Nonlinear Rayleigh functionals*, 2012; T is complex symmetric, and the
-convergence cubic). The argument principle counts the modes in a sector and so shows whether any is
-missing. For small problems the sector holds all modes (:mod:`fvi_cli.studies.vibration.region`),
-for large ones it lies around the requested modes. The sector is divided until contour integrals
-find the missing modes in its parts.
+Modes without damping start inverse iterations (Güttel, Tisseur, *The nonlinear eigenvalue problem*,
+Acta Numer. 26, 2017, algorithm 4.9). The argument principle counts the modes around the requested
+ones: along a closed contour the argument of det T(s) turns once for every zero inside. Known zeros
+are divided out, so that it turns quickly only where a mode is missing, and Newton's iteration for
+what remains of the determinant (Maehly, 1954) finds it.
 """
 
 from __future__ import annotations
 
+import cmath
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, field
-from typing import Any, Final, Literal
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.matrices import as_csc, dense
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.matrices import as_csc, dense, negative_pivots
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array, ComplexArray
+from fvi_cli.mathematics.zeros import OneFunction, changes_of_argument
 from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
-from fvi_cli.studies.vibration.region import LARGEST_RATIO, first_angle, region_of_all_modes
-from fvi_cli.studies.vibration.sector import CountError, Sector, count_modes, modes_by_integrals
 
-EXTRA: Final = 4
+LARGEST_RATIO: Final = 0.995
+"""Damping ratio up to which modes are counted, of decay and of growth."""
+LEAST_ANGLE: Final = 0.45 * math.pi
+"""Least argument of s (radians) for dissipative scenes; their modes have pi / 2 or more."""
+EXTRA: Final = 12
 """Number of modes computed beyond the requested ones, to see where these end."""
-Reach = Literal["all", "faster", "around"]
-RATIOS: Final = (LARGEST_RATIO, 0.9946, 0.9953, 0.9942)
-"""Damping ratios up to which modes are counted: the next one where a mode lies at the edge."""
-CELL: Final = 1.3
-"""Largest extent (of log |s|, and argument in radians) of sectors for contour integrals."""
-SMALLEST_CELL: Final = 1e-4
-CUTS: Final = (0.5, 0.43, 0.57, 0.36, 0.64)
-"""Shares at which a sector is divided: the next one where a mode lies at the cut."""
-CONVERGED: Final = 1e-15
-RESIDUAL_LIMIT: Final = 1e-12
-MOST_SWEEPS: Final = 30
+SLOWEST: Final = 1e-4
+"""Slower motions, relative to the slowest of the first modes, are not counted."""
+EDGES: Final = (0.5, 0.37, 0.66)
+"""Places of the contour between the last requested mode and the next one: the next place where a
+mode lies on the contour."""
+TILT: Final = 1e-6
+"""Share of the damping that tells the shapes of a repeated frequency apart."""
 SAME: Final = 1e-5
 """Modes whose frequencies and shapes differ by less than this, relative, are one mode."""
+CONVERGED: Final = 1e-15
+RESIDUAL_LIMIT: Final = 1e-12
+MOST_STEPS: Final = 40
+TRIES: Final = 100
+"""Most starts of the search for missing modes."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -60,11 +64,6 @@ class Mode:
         return self.frequency.imag / (2.0 * math.pi)
 
     @property
-    def decay_rate(self) -> float:
-        """Minus the real part of s, 1/time."""
-        return -self.frequency.real
-
-    @property
     def damping_ratio(self) -> float:
         r""":math:`-\mathrm{Re}\, s / |s|`."""
         return (0.0 - self.frequency.real) / abs(self.frequency)
@@ -76,6 +75,27 @@ class Mode:
         return square.imag / square.real if square.real else math.inf
 
 
+@dataclass(frozen=True, kw_only=True)
+class Region:
+    """Complex frequencies between two moduli (1/time) and two arguments (radians)."""
+
+    least: float
+    largest: float
+    first: float
+    last: float
+
+    def holds(self, s: complex) -> bool:
+        """Whether s lies inside."""
+        return self.least < abs(s) < self.largest and self.first < cmath.phase(s) < self.last
+
+    @property
+    def corners(self) -> ComplexArray:
+        """Logarithms of s at the corners, counter-clockwise, the first one again at the end."""
+        inner, outer = math.log(self.least), math.log(self.largest)
+        first, last = 1j * self.first, 1j * self.last
+        return np.array([inner + first, outer + first, outer + last, inner + last, inner + first])
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ModeTable(OfMember):
     """Modes of one scene."""
@@ -83,20 +103,17 @@ class ModeTable(OfMember):
     coordinates: tuple[str, ...]
     """Names of the degrees of freedom."""
     modes: tuple[Mode, ...]
-    sector: Sector | None
-    """The region of complex frequencies in which modes were counted; None: they were not."""
+    region: Region
+    """The complex frequencies around the modes in which modes were counted."""
     counted: int | None
-    """How many modes are in the sector; None where that is unknown."""
+    """How many modes are in the region; None where one lies on its edge."""
     inside: int
-    """How many of `modes` are in the sector."""
-    reach: Reach = "around"
-    """``all``: modes outside of the sector have larger damping ratios; ``faster``: no faster modes
-    are outside of it; ``around``: it lies around the requested modes."""
+    """How many modes of the region are found."""
 
     @property
     def is_complete(self) -> bool:
-        """Whether it is known that no mode of the sector is missing."""
-        return self.counted is not None and self.counted == self.inside
+        """Whether it is known that no mode of the region is missing."""
+        return self.counted == self.inside
 
 
 def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTable:
@@ -110,245 +127,257 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
         If the scene is not linear, or has no stiffness or mode at all.
     """
     stiffness = DynamicStiffness(scene)
-    search = _Search(
-        stiffness=stiffness, count=count, centre=0.0 if near is None else 2.0 * math.pi * near
-    )
+    centre = 0.0 if near is None else 2.0 * math.pi * near
     wanted = scene.dimension if stiffness.is_small else min(count + EXTRA, scene.dimension)
-    search.add(search.undamped(search.centre, wanted))
-    if stiffness.is_small or search.found:
-        table = search.table()
-        if table.modes:
-            return table
-    raise ValueError(f"no mode with a damping ratio below {LARGEST_RATIO}")
+    rates, vectors = undamped_modes(stiffness, centre, wanted)
+    found: list[Mode] = []
+    for rate, vector in zip(rates.tolist(), vectors.T.astype(complex), strict=True):
+        _add(found, refine(stiffness, 1j * rate, vector))
+    for edge in EDGES:
+        region = _region_around(stiffness, centre, count, rates, found, edge)
+        counted = count_modes(stiffness, region, found)
+        if counted is not None:
+            _find_missing(stiffness, region, rates, found, counted)
+            break
+    found = [mode for mode in found if region.holds(mode.frequency)]
+    if not found:
+        words = f"no mode with a damping ratio below {LARGEST_RATIO}"
+        raise ValueError(f"{words} is found, though {counted} are counted" if counted else words)
+    nearest = sorted(found, key=lambda mode: abs(abs(mode.frequency) - centre))[:count]
+    return ModeTable(
+        coordinates=tuple(f"x{index}" for index in range(1, scene.dimension + 1)),
+        modes=tuple(sorted(nearest, key=lambda mode: abs(mode.frequency))),
+        region=region,
+        counted=counted,
+        inside=len(found),
+    )
+
+
+def undamped_modes(stiffness: DynamicStiffness, centre: float, wanted: int) -> tuple[Array, Array]:
+    """Frequencies (1/time) and shapes ``(d, n)`` of modes without damping, nearest to a frequency.
+
+    The stiffness is the real part of that at the frequency `centre`. A small share of the
+    damping is added, lest the shapes of a repeated frequency are any ones.
+    """
+    mass, d = stiffness.forms[0], stiffness.dimension
+    factors = stiffness.symbols(1j * max(centre, 1e-30)).real
+    factors[0] = 0.0
+    size = float(np.abs(factors) @ stiffness.norms)
+    usual = math.sqrt(size / stiffness.norms[0])
+    damping = stiffness.symbols(1j * max(centre, usual, 1e-30)).imag
+    damping[0] = 0.0
+    lost = float(np.abs(damping) @ stiffness.norms)
+    matrix = stiffness.combined(factors + (TILT * size / lost * damping if lost else 0.0))
+    if not stiffness.is_sparse or d <= 4 * wanted:
+        from scipy.linalg import eigh
+
+        squares, vectors = eigh(dense(matrix), dense(mass))
+    else:
+        from scipy.sparse.linalg import eigsh
+
+        squares, vectors = eigsh(
+            as_csc(matrix),
+            k=wanted,
+            M=as_csc(mass),
+            # not at 0, which is an eigenvalue of a free structure
+            sigma=centre**2 if centre else -1e-9 * usual**2,
+            v0=np.random.default_rng(5).standard_normal(d),
+        )
+    rates = np.sqrt(np.maximum(squares, 0.0))
+    order = np.argsort(np.abs(rates - centre), kind="stable")[:wanted]
+    order = order[rates[order] > 1e-6 * rates.max()]
+    return rates[order], vectors[:, order]
 
 
 def refine(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> Mode | None:
-    """The mode to which iterations from a frequency and a shape converge; None: they do not."""
+    """The mode to which inverse iterations lead; None: they do not converge to an oscillation."""
     best: Mode | None = None
-    for _ in range(MOST_SWEEPS):
+    for _ in range(MOST_STEPS):
         if not (math.isfinite(abs(s)) and abs(s) > 0):
             return None
+        slope = stiffness.combined(stiffness.slopes(s))
         try:
-            right = np.asarray(stiffness.combined(stiffness.slopes(s)) @ vector)  # type: ignore[operator]
-            vector = stiffness.factors(s).solve(right)
+            vector = stiffness.solver(s)(slope @ vector)
         except np.linalg.LinAlgError:
             s *= 1.0 + 1e-14
             continue
         vector = vector / vector[np.abs(vector).argmax()]
-        moved = _functional(stiffness, s, vector)
-        if moved is None:
-            return None
-        s = moved
+        # T is symmetric, so that the left vector is the right one
+        value = vector @ (stiffness.combined(stiffness.symbols(s)) @ vector)
+        change = complex(value / (vector @ (slope @ vector)))
+        # the step must not cross the branch cut
+        s -= change * min(1.0, 0.3 * abs(s) / abs(change)) if change else 0.0
         residual = stiffness.residual(s, vector)
         is_better = best is None or residual < 0.3 * best.residual
         if best is None or residual < best.residual:
             best = Mode(frequency=s, shape=vector, residual=residual)
-        # convergence is cubic: a residual that falls no more is round-off
+        # convergence is fast: a residual that falls no more is round-off
         if not is_better and residual <= RESIDUAL_LIMIT:
             break
     if best is None or best.residual > RESIDUAL_LIMIT:
         return None
     real, imaginary = best.frequency.real, best.frequency.imag
-    best = Mode(
+    if abs(imaginary) <= SAME * abs(best.frequency):
+        return None
+    return Mode(
         # a real part below the last digit is no damping
         frequency=complex(real if abs(real) > CONVERGED * abs(imaginary) else 0.0, abs(imaginary)),
         shape=best.shape.conj() if imaginary < 0 else best.shape,
         residual=best.residual,
     )
-    return best if best.frequency.imag > SAME * abs(best.frequency) else None
 
 
-def _functional(stiffness: DynamicStiffness, s: complex, vector: ComplexArray) -> complex | None:
-    """The zero near s of v^T T(s) v."""
-    forms = np.array(
-        [complex(vector @ np.asarray(form @ vector)) for form in stiffness.forms]  # type: ignore[operator]
-    )
-    for _ in range(MOST_SWEEPS):
-        value, slope = stiffness.symbols(s) @ forms, stiffness.slopes(s) @ forms
-        if slope == 0 or not math.isfinite(abs(value)):
-            return None
-        change = complex(value / slope)
-        # the step must not cross the branch cut
-        largest = 0.3 * abs(s)
-        if abs(change) > largest:
-            change *= largest / abs(change)
-        s -= change
-        if abs(change) <= CONVERGED * abs(s):
-            break
-    return s
-
-
-def _is_known(mode: Mode, found: Iterable[Mode]) -> bool:
-    """Whether a shape is one of those of its frequency, or a combination of them."""
+def _add(found: list[Mode], mode: Mode | None) -> None:
+    """Keep a mode whose shape is no combination of those of its frequency."""
+    if mode is None:
+        return
     near = SAME * abs(mode.frequency)
     shapes = [one.shape for one in found if abs(one.frequency - mode.frequency) <= near]
-    if not shapes:
-        return False
-    basis = np.linalg.qr(np.transpose(shapes))[0]
-    left = mode.shape - basis @ (basis.conj().T @ mode.shape)
-    return bool(np.linalg.norm(left) <= math.sqrt(SAME) * np.linalg.norm(mode.shape))
+    left = mode.shape
+    if shapes:
+        basis = np.linalg.qr(np.transpose(shapes))[0]
+        left = mode.shape - basis @ (basis.conj().T @ mode.shape)
+    if np.linalg.norm(left) > math.sqrt(SAME) * np.linalg.norm(mode.shape):
+        found.append(mode)
 
 
-@dataclass(kw_only=True, eq=False)
-class _Search:
-    """A search for modes of a scene: those that are found so far, and counts of missing ones."""
+def _region_around(
+    stiffness: DynamicStiffness,
+    centre: float,
+    count: int,
+    rates: Array,
+    found: Sequence[Mode],
+    edge: float,
+) -> Region:
+    """A region around the requested modes, whose arcs lie between modes at the share `edge`."""
+    sizes = np.array([abs(mode.frequency) for mode in found])
+    away = np.sort(np.abs(sizes - centre))
+    last = away[:count].max(initial=0.0)
+    beyond = away[away > last * (1.0 + SAME)]
+    if beyond.size and away.size > count:
+        reach = (1.0 - edge) * last + edge * beyond[0]
+        largest = centre + float(reach)
+    elif stiffness.is_small:
+        reach, largest = math.inf, (1.0 + edge) * upper_bound(stiffness)
+    else:
+        largest = (1.0 + 0.1 * edge) * max(*sizes, *rates)
+        reach = largest - centre
+    slowest = SLOWEST * (1.0 + edge) * min([*sizes, *rates], default=largest)
+    ratio = LARGEST_RATIO - 1e-3 * (edge - EDGES[0])
+    return Region(
+        least=max(slowest, centre - float(reach)),
+        largest=largest,
+        first=LEAST_ANGLE if stiffness.scene.is_dissipative else math.acos(ratio),
+        last=math.pi - math.acos(ratio),
+    )
 
-    stiffness: DynamicStiffness
-    count: int  # number of requested modes
-    centre: float  # the frequency near which modes are requested, 1/time
-    found: list[Mode] = field(default_factory=list)
 
-    def add(self, starts: Iterable[tuple[complex, ComplexArray]]) -> None:
-        """Refine pairs of a frequency and a shape, and keep the modes that are new."""
-        for s, vector in starts:
-            mode = refine(self.stiffness, s, vector)
-            if mode is not None and not _is_known(mode, self.found):
-                self.found.append(mode)
+def upper_bound(stiffness: DynamicStiffness) -> float:
+    r"""A bound on |s| of all modes with damping ratios up to the largest one.
 
-    def undamped(self, rate: float, wanted: int) -> list[tuple[complex, ComplexArray]]:
-        """Undamped modes with the dynamic stiffness at the frequency `rate`, 1/time."""
-        stiffness, d, mass = self.stiffness, self.stiffness.dimension, self.stiffness.mass
-        factors = stiffness.symbols(1j * max(rate, 1e-30)).real.astype(complex)
-        factors[0] = 0.0
-        combined = stiffness.combined(factors)
-        if isinstance(combined, np.ndarray) or d <= 4 * wanted:
-            from scipy.linalg import eigh
+    In units of the mass the terms of a mode add up to 0. With :math:`|\arg s| \le \theta`, those of
+    inertia and of positive semi-definite damping of order 1 and more add up to at least
+    :math:`\cos(\theta/2) |s|^2`, and a modulus is at most its value at :math:`|s|` divided by
+    :math:`\cos(\theta/2)`.
+    """
+    scene = stiffness.scene
+    root = np.linalg.inv(np.linalg.cholesky(dense(stiffness.forms[0])))
+    norms = [float(np.linalg.norm(root @ form @ root.T, 2)) for form in stiffness.forms]
+    first = len(norms) - len(scene.active_forces)
+    for index, force in enumerate(scene.active_forces, start=first):
+        if isinstance(force, FractionalDamping) and force.order >= 1 and scene.is_dissipative:
+            norms[index] = 0.0
+    cosine = math.cos(0.5 * (math.pi - math.acos(LARGEST_RATIO)))
+    size = math.sqrt(sum(norms[1:first])) or 1.0
+    for _ in range(100):
+        sizes = np.abs(stiffness.symbols(size))
+        if cosine**2 * size**2 > sizes[1:] @ norms[1:]:
+            break
+        size *= 2.0
+    return size
 
-            values, vectors = eigh(dense(combined).real, dense(mass))  # type: ignore[arg-type]
-        else:
-            from scipy.sparse.linalg import eigsh
 
-            scale = float(np.abs(factors) @ stiffness.norms) / stiffness.norms[0]
-            values, vectors = eigsh(
-                as_csc(combined.real),  # type: ignore[attr-defined]
-                k=wanted,
-                M=as_csc(mass),
-                # not at 0, which is an eigenvalue of a free structure
-                sigma=self.centre**2 if self.centre else -1e-9 * scale,
-                which="LM",
-                v0=np.random.default_rng(5).standard_normal(d),
-            )
-        rates = np.sqrt(np.maximum(values, 0.0))
-        self.turn(rates, vectors)
-        order = np.argsort(np.abs(rates - self.centre), kind="stable")[:wanted]
-        largest = float(rates.max(initial=0.0))
-        return [
-            (1j * float(rates[index]), vectors[:, index].astype(complex))
-            for index in order
-            if rates[index] > 1e-6 * largest
-        ]
+def count_modes(
+    stiffness: DynamicStiffness, region: Region, found: Sequence[Mode] = ()
+) -> int | None:
+    """Number of modes in a region, with their multiplicity; None: one lies on its edge."""
+    # modes far below the region turn the argument evenly along it, as zeros at 0 do
+    below = 0 if stiffness.is_small else _number_below(stiffness, region.least)
+    if below >= stiffness.dimension:
+        return None
+    # s^2d must turn by less than half a revolution per step, or whole turns are missed
+    density = 4 + (stiffness.dimension if stiffness.is_small else 0)
+    corners, turns = region.corners, 0.0
+    for begin, end in zip(corners[:-1].tolist(), corners[1:].tolist(), strict=True):
 
-    def turn(self, rates: Array, vectors: Array) -> None:
-        """Turn the shapes of every repeated frequency to those that the damping tells apart."""
-        ends = np.flatnonzero(np.diff(rates) > SAME * rates[1:]) + 1
-        for own in np.split(np.arange(rates.size), ends):
-            if own.size > 1 and rates[own[0]] > 0:
-                damping = self.stiffness.symbols(1j * float(rates[own].mean()))
-                damping[0] = 0.0
-                matrix: Any = self.stiffness.combined(damping.imag.astype(complex))
-                inner = vectors[:, own].T @ (matrix @ vectors[:, own])
-                vectors[:, own] = vectors[:, own] @ np.linalg.eigh(inner.real)[1]
+        def along(part: Array, begin: complex = begin, end: complex = end) -> ComplexArray:
+            return np.asarray(begin + part * (end - begin))
 
-    def stiffened(self) -> list[tuple[complex, ComplexArray]]:
-        """Undamped modes with the dynamic stiffness at frequencies of known modes."""
-        rates = sorted(abs(mode.frequency) for mode in self.found)
-        wanted = min(self.count + EXTRA, self.stiffness.dimension)
-        chosen = [rates[index] for index in (0, len(rates) // 2, -1) if rates]
-        return [start for rate in dict.fromkeys(chosen) for start in self.undamped(rate, wanted)]
+        parts = np.linspace(0.0, 1.0, 8 + math.ceil(density * abs(end - begin)))
+        rest = OneFunction(lambda z: _log_rest(stiffness, found, z, below))
+        turns += float(changes_of_argument(rest, along, parts)[0])
+    if math.isnan(turns):
+        return None
+    known = sum(region.holds(mode.frequency) for mode in found)
+    return round(turns / (2.0 * math.pi)) + known
 
-    def table(self) -> ModeTable:
-        """The requested modes, after a search for those that a count says are missing."""
-        sector, reach, counted = self.counted()
-        for attempt in range(4):
-            before = len(self.found)
-            if counted is None or counted <= self.inside(sector):
-                break
-            if attempt == 0:
-                self.add(self.stiffened())
-            else:
-                self.look_in(sector)
-            if len(self.found) == before and attempt:
-                break
-            sector, reach, counted = self.counted()
-        found = self.found
-        if self.stiffness.is_small:
-            # modes outside are rigid motions, whose s is round-off
-            found = [one for one in found if sector.least < abs(one.frequency) < sector.largest]
-        found = sorted(found, key=self.distance)
-        return ModeTable(
-            coordinates=tuple(f"x{index}" for index in range(1, self.stiffness.dimension + 1)),
-            modes=tuple(sorted(found[: self.count], key=lambda mode: abs(mode.frequency))),
-            sector=sector,
-            counted=counted,
-            inside=sum(sector.holds(mode.frequency) for mode in found),
-            reach=reach,
-        )
 
-    def distance(self, mode: Mode) -> float:
-        """Distance of a mode from the frequency near which modes are requested, 1/time."""
-        return abs(abs(mode.frequency) - self.centre)
+def _log_rest(
+    stiffness: DynamicStiffness, found: Sequence[Mode], z: ComplexArray, below: int = 0
+) -> ComplexArray:
+    """Logarithm of det T(s) after division by the known zeros and s^(2 below), with s = exp(z)."""
+    s, zeros = np.exp(z), np.array([mode.frequency for mode in found], dtype=complex)
+    with np.errstate(divide="ignore"):
+        known = np.log((s[:, None] - zeros) * (s[:, None] - zeros.conj())).sum(axis=1)
+    return np.asarray(stiffness.log_determinants(s) - known - 2 * below * z)
 
-    def inside(self, sector: Sector) -> int:
-        """How many of the found modes lie in a sector."""
-        return sum(sector.holds(mode.frequency) for mode in self.found)
 
-    def counted(self) -> tuple[Sector, Reach, int | None]:
-        """The sector in which modes are counted, its reach, and its number of modes or None."""
-        reach: Reach = "around"
-        self.found.sort(key=self.distance)
-        known = [mode.frequency for mode in self.found]
-        for ratio in RATIOS:
-            if self.stiffness.is_small:
-                sector, is_all = region_of_all_modes(self.stiffness, largest_ratio=ratio)
-                reach = "all" if is_all else "faster"
-            else:
-                sector = self.sector_around(ratio)
-            try:
-                return sector, reach, count_modes(self.stiffness, sector, known)
-            except CountError:
-                continue
-        return sector, reach, None
+def _number_below(stiffness: DynamicStiffness, rate: float) -> int:
+    """Number of modes without damping that are slower than `rate`, 1/time.
 
-    def sector_around(self, ratio: float) -> Sector:
-        """A sector around the requested modes, with its arcs between modes."""
-        sizes = sorted(abs(mode.frequency) for mode in self.found)
-        wanted = sorted(abs(mode.frequency) for mode in self.found[: self.count])
-        above = [size for size in sizes if size > wanted[-1] * (1.0 + SAME)]
-        below = [size for size in sizes if size < wanted[0] * (1.0 - SAME)]
-        return Sector(
-            least=math.sqrt(below[-1] * wanted[0]) if self.centre and below else 0.05 * wanted[0],
-            largest=math.sqrt(wanted[-1] * above[0]) if above else 1.05 * wanted[-1],
-            first=first_angle(self.stiffness, ratio),
-            last=math.pi - math.acos(ratio),
-        )
+    It is the number of all modes if the elimination breaks down.
+    """
+    matrix = stiffness.combined(stiffness.symbols(1j * rate).real)
+    if stiffness.is_sparse:
+        return negative_pivots(matrix)
+    return int((np.linalg.eigvalsh(matrix) < 0).sum())
 
-    def look_in(self, sector: Sector) -> None:
-        """Find the missing modes of a sector, in smaller and smaller parts of it."""
-        try:
-            missing = self.missing(sector)
-        except CountError:
-            # the caller has counted the other part and knows that some are here
-            missing = 1
-        if missing <= 0 or max(sector.extent) < SMALLEST_CELL:
+
+def _find_missing(
+    stiffness: DynamicStiffness, region: Region, rates: Array, found: list[Mode], counted: int
+) -> None:
+    """Add modes of a region to those that are found, until they are as many as are counted."""
+    random = np.random.default_rng(5)
+    for _ in range(TRIES):
+        if sum(region.holds(mode.frequency) for mode in found) >= counted:
             return
-        if max(sector.extent) < CELL:
-            self.add(modes_by_integrals(self.stiffness, sector, missing + self.inside(sector)))
-            try:
-                if self.missing(sector) <= 0:
-                    return
-            except CountError:
-                pass
-        for cut in CUTS:
-            parts = sector.halves(cut)
-            try:
-                self.missing(parts[0])
-            except CountError:
-                continue
-            for part in parts:
-                self.look_in(part)
-            return
+        # starts anywhere in the region or around the frequencies without damping, more of them
+        # where the damping is light, with the sign of decay or of growth
+        size = random.uniform(*np.log([region.least, region.largest]))
+        if rates.size and random.random() < 0.5:
+            size = math.log(random.choice(rates)) + 2.0 * random.standard_normal()
+        around = random.uniform(-1.0, 1.0)
+        side = region.first if around < 0 and region.first < LEAST_ANGLE else region.last
+        z = size + 1j * (0.5 * math.pi + (side - 0.5 * math.pi) * abs(around) ** 2)
+        start = _zero_near(stiffness, found, complex(z))
+        if start is not None and region.holds(start):
+            vector = random.standard_normal(stiffness.dimension).astype(complex)
+            _add(found, refine(stiffness, start, vector))
 
-    def missing(self, sector: Sector) -> int:
-        """How many modes of a sector were not found."""
-        known = [mode.frequency for mode in self.found]
-        return count_modes(self.stiffness, sector, known) - self.inside(sector)
+
+def _zero_near(stiffness: DynamicStiffness, found: Sequence[Mode], z: complex) -> complex | None:
+    """A zero of the determinant other than the known ones, by Newton's iteration for log s."""
+    step = 1e-6
+    for _ in range(MOST_STEPS):
+        before, after = _log_rest(stiffness, found, np.array([z - step, z + step]))
+        rise = complex(after - before)
+        rise -= 2j * math.pi * round(rise.imag / (2.0 * math.pi))
+        if not (math.isfinite(abs(rise)) and abs(rise) > 0):
+            return cmath.exp(z) if abs(rise) else None
+        change = 2.0 * step / rise
+        z -= change * min(1.0, 1.0 / abs(change))
+        if not 0.0 < z.imag < math.pi:
+            return None
+        if abs(change) < step:
+            return cmath.exp(z)
+    return None

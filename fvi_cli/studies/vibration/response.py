@@ -1,4 +1,9 @@
-r"""Steady responses to harmonic forces: :math:`T(i\omega) \hat q = \hat f`, solved directly."""
+r"""Steady responses to harmonic forces, :math:`T(i\omega) \hat q = \hat f`, and their peaks.
+
+As a function of the frequency a response has poles at the modes; it changes over lengths of the
+distance to the next pole. So it is evaluated around every mode at multiples of the width of the
+mode, and no peak falls between two frequencies of the table.
+"""
 
 from __future__ import annotations
 
@@ -18,16 +23,36 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.scenes.structures import ground_shares
 from fvi_cli.studies.members import OfMember
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
-from fvi_cli.studies.vibration.peaks import (
-    NO_MODES,
-    ModesInRange,
-    Peak,
-    find_peaks,
-    modes_in_range,
-    resolving_frequencies,
-)
+from fvi_cli.studies.vibration.modes import Mode, find_modes
 
 GROUND: Final = "ground"
+MODES_OF_LARGE: Final = (4, 12, 36)
+"""Numbers of modes of a large structure, tried one after the other until they cover the range."""
+UNDAMPED: Final = 1e-13
+"""A damping ratio below this is round-off."""
+_RATIO = 1.06
+"""Largest ratio of two frequencies at which a response is evaluated."""
+_MULTIPLES = np.array([0.0, 0.25, 0.5, 0.75, 1.0])
+"""Distances from a mode in units of its width; further ones grow by 1.4 as a factor."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Peak:
+    r"""A maximum of the magnitude."""
+
+    at: str
+    hertz: float
+    magnitude: float
+    """Frequency in oscillations per unit of time, and size; infinite at a mode without damping."""
+    low: float
+    high: float
+    r"""Frequencies on both sides where the magnitude is :math:`1/\sqrt 2` of the peak; nan where it
+    does not fall so far in the range, or rises again before."""
+
+    @property
+    def loss_factor(self) -> float:
+        """Half-power bandwidth relative to the frequency of the peak."""
+        return (self.high - self.low) / self.hertz
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -45,8 +70,10 @@ class ResponseTable(OfMember):
     """Maxima of the magnitudes inside of the range."""
     qualities: tuple[str, ...] = ()
     """Of every output ``displacement``, ``velocity`` or ``acceleration``; empty: another."""
-    known: ModesInRange = NO_MODES
-    """The modes around which peaks were searched."""
+    has_all_modes: bool = False
+    """Whether all modes in the range are known, so that no peak is missing."""
+    grows: bool = False
+    """Whether a mode grows: then motions do not settle into this response."""
 
     @property
     def magnitude(self) -> Array:
@@ -78,66 +105,135 @@ def harmonic_response(
     Raises
     ------
     ValueError
-        If the scene is not linear, or does not move at all under this load.
+        If the scene is not linear, or a mode without damping lies at a frequency.
     """
     stiffness = DynamicStiffness(scene)
 
     def amplitudes(frequency: float) -> ComplexArray:
-        s = 2j * math.pi * frequency
-        try:
-            return stiffness.factors(s).solve(load.astype(complex))
-        except np.linalg.LinAlgError:
-            raise ValueError(
-                f"at {frequency:g} Hz the response is infinite: a mode without damping has this "
-                "frequency"
-            ) from None
+        return stiffness.solver(2j * math.pi * frequency)(load.astype(complex))
 
-    def near_modes(frequency: float) -> ComplexArray:
-        """Amplitudes; at the frequency of an undamped mode those at a frequency next to it."""
-        try:
-            return amplitudes(frequency)
-        except ValueError:
-            return amplitudes(frequency * (1.0 + 1e-13))
-
-    full = np.array([amplitudes(float(f)) for f in hertz])
     names = tuple(outputs)
+    try:
+        full = [amplitudes(frequency) for frequency in hertz.tolist()]
+    except np.linalg.LinAlgError:
+        raise ValueError(
+            "the response is infinite: a mode without damping has one of the frequencies"
+        ) from None
     if rows is None:
         most = int(np.abs(full).max(axis=0).argmax())
-        rows = np.zeros((1, load.size))
-        rows[0, most] = 1.0
-        names = (names[most],)
-    given = rows
+        rows, names = np.eye(1, load.size, most), (names[most],)
+    forms = rows if callable(rows) else lambda s, constant=rows: constant
 
-    def forms(hertz: float) -> Array | ComplexArray:
-        return given(2j * math.pi * hertz) if callable(given) else given
+    def values_at(frequency: float, motion: ComplexArray) -> ComplexArray:
+        return np.asarray(forms(2j * math.pi * frequency) @ motion + offsets, dtype=complex)
 
-    along = [forms(f) @ q + offsets for f, q in zip(hertz.tolist(), full, strict=True)]
-    values: ComplexArray = np.array(along, dtype=complex)
-    if not np.any(values):
-        raise ValueError("the load moves no coordinate")
-    known = modes_in_range(scene, float(hertz[0]), float(hertz[-1]))
-    fine = resolving_frequencies(hertz, known, is_small=stiffness.is_small)
-    at_fine = dict(zip(hertz.tolist(), values, strict=True))
-    for one in fine.tolist():
-        if one not in at_fine:
-            at_fine[one] = forms(one) @ near_modes(one) + offsets
-    sizes = np.abs(np.array([at_fine[one] for one in fine.tolist()]))
-    peaks = []
+    def sizes_at(frequency: float) -> Array:
+        try:
+            return np.abs(values_at(frequency, amplitudes(frequency)))
+        except np.linalg.LinAlgError:
+            return np.full(len(names), math.inf)
+
+    values = np.array([values_at(*pair) for pair in zip(hertz.tolist(), full, strict=True)])
+    modes, has_all = modes_in_range(scene, float(hertz[0]), float(hertz[-1]))
+    fine = resolving_frequencies(hertz, modes)
+    sizes = np.array([sizes_at(frequency) for frequency in fine.tolist()])
+    endless = [mode.hertz for mode in modes if abs(mode.damping_ratio) <= UNDAMPED]
+    peaks: list[Peak] = []
     for index, name in enumerate(names):
 
         def size(frequency: float, index: int = index) -> float:
-            every = forms(frequency)[index] @ near_modes(frequency)
-            return float(abs(every + np.broadcast_to(offsets, len(names))[index]))
+            return float(sizes_at(frequency)[index])
 
-        peaks += find_peaks(name, fine, sizes[:, index], size, known)
+        peaks += find_peaks(name, fine, sizes[:, index], size, endless)
     return ResponseTable(
         load=load_words,
         outputs=names,
         hertz=hertz,
         values=values,
         peaks=tuple(peaks),
-        known=known,
+        has_all_modes=has_all,
+        grows=any(mode.frequency.real > 0 for mode in modes),
     )
+
+
+def modes_in_range(scene: Scene, low: float, high: float) -> tuple[tuple[Mode, ...], bool]:
+    """The modes that shape a response between two frequencies, and whether these are all."""
+    d, rate = scene.dimension, 2.0 * math.pi * high
+    is_small = DynamicStiffness(scene).is_small
+    near = None if is_small else 0.5 * (low + high)
+    for count in (4 * d,) if is_small else MODES_OF_LARGE:
+        try:
+            table = find_modes(scene, count, near=near)
+        except ValueError:
+            # no mode oscillates; for a large structure that is not certain
+            return (), is_small
+        if table.region.largest > rate:
+            break
+    return table.modes, table.is_complete and table.region.largest > rate
+
+
+def resolving_frequencies(hertz: Array, modes: Sequence[Mode]) -> Array:
+    """Frequencies that resolve a response between the first and the last of `hertz`, ascending."""
+    low, high = float(hertz[0]), float(hertz[-1])
+    number = 2 + math.ceil(math.log(high / low) / math.log(_RATIO))
+    points = [hertz, np.geomspace(low, high, number)]
+    for mode in modes:
+        width = max(-mode.frequency.real, UNDAMPED * abs(mode.frequency)) / (2.0 * math.pi)
+        steps = max(1, math.ceil(math.log((high - low) / width) / math.log(1.4)))
+        away = width * np.concatenate([_MULTIPLES, 1.4 ** np.arange(1, 1 + steps)])
+        points += [mode.hertz + away, mode.hertz - away]
+    every = np.unique(np.concatenate(points))
+    return every[(every >= low) & (every <= high)]
+
+
+def find_peaks(
+    name: str, hertz: Array, size: Array, at: Callable[[float], float], endless: Sequence[float]
+) -> list[Peak]:
+    """The maxima between the first and the last frequency; `endless` are undamped modes."""
+    found: list[Peak] = []
+    rising = np.diff(size) > 0
+    for top in (np.flatnonzero(rising[:-1] & ~rising[1:]) + 1).tolist():
+        place = float(hertz[top])
+        if any(abs(place - mode) <= 100 * UNDAMPED * mode for mode in endless):
+            if not (found and abs(found[-1].hertz - place) <= 200 * UNDAMPED * place):
+                found.append(Peak(at=name, hertz=place, magnitude=math.inf, low=place, high=place))
+            continue
+        place, largest = _maximum(at, float(hertz[top - 1]), float(hertz[top + 1]))
+        limit = math.sqrt(0.5) * largest
+        before, after = hertz < place, hertz > place
+        low = _crossing(at, hertz[before][::-1], size[before][::-1], place, limit)
+        high = _crossing(at, hertz[after], size[after], place, limit)
+        found.append(Peak(at=name, hertz=place, magnitude=largest, low=low, high=high))
+    return found
+
+
+def _maximum(at: Callable[[float], float], left: float, right: float) -> tuple[float, float]:
+    """Place and size of the maximum between two frequencies."""
+    from scipy.optimize import minimize_scalar
+
+    # as a share of the interval: a tolerance relative to the frequency may exceed a narrow peak
+    found = minimize_scalar(
+        lambda part: -at(left + part * (right - left)),
+        bounds=(0.0, 1.0),
+        method="bounded",
+        options={"xatol": 1e-9},
+    )
+    return left + float(found.x) * (right - left), -float(found.fun)
+
+
+def _crossing(
+    at: Callable[[float], float], hertz: Array, size: Array, peak: float, limit: float
+) -> float:
+    """Where the magnitude falls to a limit on one side of a peak; nan where it rises before."""
+    from scipy.optimize import brentq
+
+    falls = np.flatnonzero(size <= limit)
+    if not falls.size or np.any(np.diff(size[: falls[0]]) > 0):
+        return math.nan
+    inside = float(hertz[falls[0] - 1]) if falls[0] else peak
+    length = float(hertz[falls[0]]) - inside
+    part = brentq(lambda part: at(inside + part * length) - limit, 0.0, 1.0, xtol=1e-12)
+    return inside + float(part) * length
 
 
 def harmonic_force(
