@@ -59,10 +59,7 @@ def test_what_is_read(folder):
     settings = experiment.fit
     (data,) = settings.data
     assert data.name == "decay"
-    assert [(one.name, one.component, one.is_velocity) for one in data.series] == [
-        ("x", 0, False),
-        ("vx", 0, True),
-    ]
+    assert [(one.name, one.is_velocity) for one in data.series] == [("x", False), ("vx", True)]
     assert data.size == 24
     assert data.last_time == 1.1
     (model,) = settings.models

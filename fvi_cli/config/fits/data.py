@@ -155,8 +155,7 @@ def _parameters(
         elif not low <= start <= high:
             words = f"{start:g} lies outside of the bounds, {low:g} to {high:g}"
             report.add(words, key, *(() if value.start is None else ("start",)))
-        place = report.document.place((*report.prefix, key))
-        yield FitParameter(key=key, start=start, low=low, high=high, place=f"{place}: ")
+        yield FitParameter(key=key, start=start, low=low, high=high)
 
 
 def _data(
@@ -226,7 +225,6 @@ class _Reader:
             yield from self._series(
                 name=name,
                 column=str(column),
-                component=0 if formula else coordinates.index(name[is_velocity:]),
                 is_velocity=is_velocity and formula is None,
                 formula=formula,
             )

@@ -127,8 +127,8 @@ ESTIMATES = (
     Column("name", title="parameter"),
     Column("value", title="estimate", get=lambda one: _digits(one.value, one.standard_error)),
     Column("standard_error", title="standard error", form=lambda error: _digits(error, error)),
-    Column("low", title="95 % from", get=lambda one: _end(one, one.low, one.reached[0], "<")),
-    Column("high", title="to", get=lambda one: _end(one, one.high, one.reached[1], ">")),
+    Column("low", title="95 % from", get=lambda one: _end(one, one.low)),
+    Column("high", title="to", get=lambda one: _end(one, one.high)),
 )
 
 
@@ -219,10 +219,8 @@ def _digits(value: float, error: float) -> str:
     return f"{round(value, decimals):.{max(decimals, 0)}f}"
 
 
-def _end(one: Estimate, value: float, reached: float, sign: str) -> str:
-    """An end of an interval; if it was not found, the farthest value known to be inside."""
-    if math.isinf(value):
-        return "no limit"
-    if not math.isnan(value):
-        return _digits(value, one.standard_error)
-    return "not found" if math.isnan(reached) or reached == one.value else f"{sign} {reached:.6g}"
+def _end(one: Estimate, value: float) -> str:
+    """An end of an interval."""
+    if math.isnan(value):
+        return "not found"
+    return "no limit" if math.isinf(value) else _digits(value, one.standard_error)

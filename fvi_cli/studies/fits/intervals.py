@@ -17,6 +17,8 @@ from fvi_cli.studies.fits.statistics import covariance, freedoms
 CONFIDENCE = 0.95
 CLOSE = 0.01
 """Relative accuracy of the ends of intervals, and of the increase of the misfit there."""
+REST = 0.1
+"""Share of that increase which the linear model may take from the misfit that was computed."""
 BETTER = 0.01
 """A misfit counts as another minimum if it is less by more than this share of the variance."""
 LONGEST = 3.0
@@ -56,25 +58,18 @@ def estimates(
     values, slopes = model.values(best.point), model.slopes(best.point)
     for index, one in enumerate(model.free):
         threshold = quantile(float(ranks[index]), is_known=is_known)
-        ends, reached = [math.nan] * 2, [float(best.point[index])] * 2
-        points, bounds = [(float(best.point[index]), 0.0)], []
-        for side, name in enumerate(("low", "high")):
-            step = (2 * side - 1) * threshold * float(errors[index])
-            limit = float(model.bounds[side][index])
-            if is_profiled:
-                profile = Profile(model, best, index, variance, threshold)
-                ends[side] = profile.end(step, limit)
-                reached[side] = profile.reached
-                points += profile.points
-            elif is_regular:
-                end = points[0][0] + step
-                ends[side] = limit if (end - limit) * step >= 0 else end
-            if ends[side] == limit:
-                ends[side] = getattr(one, name)
-                bounds += [name] if math.isfinite(ends[side]) else []
-            elif not math.isnan(ends[side]):
-                ends[side] = one.outer(ends[side])
-        tried = [[one.outer(at), root] for at, root in sorted(points)]
+        profile = Profile(model, best, index, variance, threshold)
+        ends, bounds = [], []
+        for name, sign, limits in zip(("low", "high"), (-1, 1), model.bounds, strict=True):
+            step, limit = sign * threshold * float(errors[index]), float(limits[index])
+            end = profile.end(step, limit) if is_profiled else profile.centre + step
+            end = end if is_regular else math.nan
+            if sign * (end - limit) >= 0:
+                end = float(getattr(one, name))
+                bounds += [name] if math.isfinite(end) else []
+            else:
+                end = one.outer(end)
+            ends.append(end)
         found.append(
             Estimate(
                 name=one.key,
@@ -83,8 +78,7 @@ def estimates(
                 low=ends[0],
                 high=ends[1],
                 at_bound="both" if len(bounds) == 2 else "".join(bounds),
-                reached=(one.outer(reached[0]), one.outer(reached[1])),
-                profile=np.array(tried),
+                profile=np.array([[one.outer(at), root] for at, root in profile.points()]),
             )
         )
     return tuple(found)
@@ -97,10 +91,14 @@ class Profile:
         self, model: MotionModel, best: Found, index: int, variance: float, threshold: float
     ) -> None:
         self._model, self._best, self._index = model, best, index
-        self._found = [best]  # minima at some values of the parameter
         self._variance, self._threshold = variance, threshold
-        self.points: list[tuple[float, float]] = []  # values and signed roots of the increase
-        self.reached = float(best.point[index])  # the farthest value known to lie inside
+        self._found = {float(best.point[index]): best}  # minima by values of the parameter
+        self.centre = float(best.point[index])
+
+    def points(self) -> list[tuple[float, float]]:
+        """Values that were tried and signed roots of the increase there."""
+        every = sorted(self._found.items())
+        return [(at, math.copysign(self._root(one), at - self.centre)) for at, one in every]
 
     def excess(self, value: float) -> float:
         """How far the root of the increase exceeds its threshold; 0: close enough.
@@ -112,58 +110,50 @@ class Profile:
         BetterMinimumError
             If it is less than at the minimum.
         """
-        best, index = self._best, self._index
-        centre = float(best.point[index])
-        if value == centre:
-            return -self._threshold
-        near = min(self._found, key=lambda one: abs(float(one.point[index]) - value))
-        if near.point[index] == value:
-            return self._compared(near)
-        start = self._expected(near, value)
-        gain = 0.1 * self._threshold**2 * self._variance
-        fit = partial(
-            least_squares_from, self._model, most=30, tolerance=1e-8, gain=gain, fixed=index
-        )
-        try:
-            found = fit(start)
-        except RunFailedError:
-            start = near.point.copy()
-            start[index] = value
-            found = fit(start)
-        if found.message:
-            raise RunFailedError(found.message)
-        if found.cost < best.cost - BETTER * self._variance:
-            raise BetterMinimumError(found.point)
-        self._found.append(found)
-        root = self._root(found)
-        self.points.append((value, math.copysign(root, value - centre)))
-        if root < self._threshold and abs(value - centre) > abs(self.reached - centre):
-            self.reached = value
-        return self._compared(found)
+        if value not in self._found:
+            self._found[value] = self._minimum(value)
+        root = self._root(self._found[value])
+        return 0.0 if abs(root / self._threshold - 1.0) <= CLOSE else root - self._threshold
 
     def _root(self, found: Found) -> float:
         rise = found.cost - found.rest - self._best.cost
         return math.sqrt(max(rise, 0.0) / self._variance)
 
-    def _compared(self, found: Found) -> float:
-        root = self._root(found)
-        return 0.0 if abs(root / self._threshold - 1.0) <= CLOSE else root - self._threshold
+    def _minimum(self, value: float) -> Found:
+        near = self._found[min(self._found, key=lambda one: abs(one - value))]
+        fit = partial(
+            least_squares_from,
+            self._model,
+            most=30,
+            tolerance=1e-8,
+            gain=REST * self._threshold**2 * self._variance,
+            fixed=self._index,
+        )
+        try:
+            found = fit(self._expected(near, value))
+        except RunFailedError:
+            start = near.point.copy()
+            start[self._index] = value
+            found = fit(start)
+        if found.message:
+            raise RunFailedError(found.message)
+        if found.cost < self._best.cost - BETTER * self._variance:
+            raise BetterMinimumError(found.point)
+        return found
 
     def _expected(self, near: Found, value: float) -> Array:
         """Where the minimum for a value may lie: between two others, or to first order."""
-        index, (low, high) = self._index, self._model.bounds
-        place = float(near.point[index])
-        beyond = [one for one in self._found if (one.point[index] - value) * (place - value) < 0]
+        index, place = self._index, float(near.point[self._index])
+        beyond = [one for one in self._found if (one - value) * (place - value) < 0]
         if beyond:
-            other = min(beyond, key=lambda one: abs(float(one.point[index]) - value))
-            share = (value - place) / (other.point[index] - place)
-            start = near.point + share * (other.point - near.point)
+            other = self._found[min(beyond, key=lambda one: abs(one - value))].point
+            start = near.point + (value - place) / (other[index] - place) * (other - near.point)
         else:
             others = np.delete(np.arange(near.point.size), index)
             jacobian, start = near.at.jacobian, near.point.copy()
             pushed = near.at.residuals + jacobian[:, index] * (value - place)
             start[others] -= np.linalg.lstsq(jacobian[:, others], pushed, rcond=1e-7)[0]
-            start = np.clip(start, low, high)
+            start = np.clip(start, *self._model.bounds)
         start[index] = value
         return np.asarray(start)
 
@@ -171,10 +161,9 @@ class Profile:
         """The end of the interval in the direction of a first step; nan where it was not found."""
         from scipy.optimize import brentq
 
-        centre = float(self._best.point[self._index])
         if not math.isfinite(step) or self._model.free[self._index].is_positive:
             step = math.copysign(min(abs(step), LONGEST), step)
-        inside = centre
+        inside = self.centre
         for _ in range(MOST_STEPS):
             value = inside + step
             value = limit if (value - limit) * step >= 0 else value

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -32,8 +32,6 @@ class Estimate:
     end was not found."""
     at_bound: str = ""
     """Ends of the interval that are bounds: ``low``, ``high``, ``both``, or empty."""
-    reached: tuple[float, float] = (math.nan, math.nan)
-    """The least and the largest value that are known to lie in the interval."""
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``."""
 
@@ -79,37 +77,39 @@ class ModelFit:
     @property
     def warnings(self) -> tuple[str, ...]:
         """What cannot be separated, and residuals that are not noise."""
-        return (*self._inseparable(), *self._of_noise())
+        return tuple(filter(None, (self._inseparable(), self._not_noise())))
 
-    def _inseparable(self) -> Iterator[str]:
-        """Pairs of parameters that the data hardly distinguish."""
-        for i, j in np.argwhere(np.abs(np.tril(self.correlations, -1)) > ALIKE).tolist():
-            value = float(self.correlations[i, j])
-            gain = 1.0 / math.sqrt(max(1.0 - value**2, 1e-16))
-            yield (
-                f"{self.estimates[j].name} and {self.estimates[i].name} can hardly be separated "
-                f"by these data: correlation {value:+.4f}; were one of them known, the error of "
-                f"the other would be {gain:.0f} times smaller"
-            )
+    def _inseparable(self) -> str:
+        """The two parameters that the data distinguish least, if they hardly do."""
+        lower = np.tril(self.correlations, -1)
+        if np.abs(lower).max(initial=0.0) <= ALIKE:
+            return ""
+        i, j = np.unravel_index(np.argmax(np.abs(lower)), lower.shape)
+        value = float(lower[i, j])
+        gain = 1.0 / math.sqrt(max(1.0 - value**2, 1e-16))
+        return (
+            f"{self.estimates[j].name} and {self.estimates[i].name} can hardly be separated by "
+            f"these data: correlation {value:+.4f}; were one of them known, the error of the other "
+            f"would be {gain:.0f} times smaller"
+        )
 
-    def _of_noise(self) -> Iterator[str]:
+    def _not_noise(self) -> str:
         """Residuals that are correlated, or contradict the noise that is given."""
         from scipy.special import chdtr, chdtrc
 
         if self.whiteness < UNLIKELY:
-            yield (
-                f"the residuals are not noise (probability {self.whiteness:.1e}): the model is "
-                "incomplete"
-            )
+            chance = f"probability {self.whiteness:.1e}"
+            return f"the residuals are not noise ({chance}): the model is incomplete"
         freedom = self.n_values - len(self.estimates)
         if not self.is_known or freedom < 1 or not math.isfinite(self.misfit):
-            return
-        if min(chdtrc(freedom, self.misfit), chdtr(freedom, self.misfit)) < UNLIKELY:
-            ratio = math.sqrt(self.misfit / freedom)
-            yield (
-                f"the residuals are {ratio:.3g} times as large as the given noise: the intervals "
-                f"are too {'short' if ratio > 1.0 else 'long'}; write noise: auto, or another model"
-            )
+            return ""
+        if min(chdtrc(freedom, self.misfit), chdtr(freedom, self.misfit)) >= UNLIKELY:
+            return ""
+        ratio = math.sqrt(self.misfit / freedom)
+        return (
+            f"the residuals are {ratio:.3g} times as large as the given noise: the intervals are "
+            f"too {'short' if ratio > 1.0 else 'long'}; write noise: auto, or another model"
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

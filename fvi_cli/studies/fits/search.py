@@ -7,6 +7,7 @@ minimum is then followed to longer and longer parts of the data.
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.gradients.gradient import RunFailedError
-from fvi_cli.mathematics.arrays import Array, Integers
+from fvi_cli.mathematics.arrays import Array, Mask
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.settings import DataSet
 
@@ -28,9 +29,9 @@ ENOUGH = 1e-9
 """Share of the misfit below which a further gain is less than a hundredth of an error."""
 LONGEST = 0.8
 """Largest share that a step takes from a positive parameter itself, not from its logarithm."""
+MOST_DAMPED = 1e8
+"""Damping of steps that no longer change anything."""
 PRIMES = np.array([k for k in range(2, 400) if all(k % j for j in range(2, k))])
-HOPELESS = 30.0
-"""Candidates with more than so many times the misfit of the best are dropped."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,101 +58,67 @@ def least_squares_from(
     gain: float = 0.0,
     fixed: int = -1,
 ) -> Found:
-    """Gauss-Newton in a trust region, with exact derivatives, within the bounds.
+    """Steps of Gauss and Newton within the bounds, damped where the misfit does not follow them.
 
-    It ends where parameters change by `tolerance`, relative, or the misfit by its square or by
-    `gain`. The parameter of the number `fixed` is held.
+    It ends where the misfit can fall by less than the square of `tolerance`, relative, or `gain`.
+    The parameter of the number `fixed` is held.
 
     Raises
     ------
     RunFailedError
         If the start has no misfit.
     """
-    from scipy.optimize import least_squares
-
-    known: dict[bytes, Evaluation | None] = {}
-    free = np.delete(np.arange(start.size), [fixed] if fixed >= 0 else [])
-    low, high = (one[free] for one in model.bounds)
-    begin = start.copy()
-    # least squares begin inside of the bounds
-    begin[free] = np.clip(start[free], _inside(low, high), _inside(high, low))
-
-    def at(point: Array) -> Evaluation | None:
-        whole = begin.copy()
-        whole[free] = point
-        key = whole.tobytes()
-        if key not in known:
-            try:
-                known[key] = model.evaluate(whole)
-            except RunFailedError:
-                # the step was too long
-                known[key] = None
-        return known[key]
-
-    def residuals(point: Array) -> Array:
-        found = at(point)
-        return np.full(sum(model.sizes), np.nan) if found is None else found.residuals
-
-    def jacobian(point: Array) -> Array:
-        found = at(point)
-        assert found is not None
-        return found.jacobian[:, free]
-
-    first = at(begin[free])
-    if first is None:
-        raise RunFailedError("the run fails at the start of least squares")
-    if not free.size:
-        return Found(point=begin, at=first)
-    # full steps as long as they, or the ones behind them, do what the linear model says; the last
-    # one needs no check
-    step, possible = _linear_step(first, free)
+    low, high = model.bounds
+    is_free = np.arange(start.size) != fixed
+    point = np.where(is_free, np.clip(start, low, high), start)
+    at, damping, before = model.evaluate(point), 0.0, None
     for _ in range(most):
-        if possible < max(gain, ENOUGH * first.cost, tolerance**2 * first.cost):
-            return Found(point=begin, at=first, rest=possible)
+        step, rest = _step(model, at, point, is_free)
+        # the last step needs no check
+        if rest < max(gain, ENOUGH * at.cost, tolerance**2 * at.cost) or damping > MOST_DAMPED:
+            return Found(point=point, at=at, rest=rest)
+        if damping:
+            step, _ = _step(model, at, point, is_free, damping)
         # a modulus is linear where its logarithm is not
-        is_linear = np.array([one.is_positive for one in model.free])[free] & (step < LONGEST)
+        is_linear = np.array([one.is_positive for one in model.free]) & (step < LONGEST)
         change = np.where(is_linear, np.log1p(-np.minimum(step, LONGEST)), -step)
-        tried = np.clip(begin[free] + change, _inside(low, high), _inside(high, low))
-        found = at(tried)
-        if found is None:
-            break
-        step, rest = _linear_step(found, free)
-        if found.cost - rest > first.cost - 0.5 * possible:
-            break
-        begin[free], first, possible = tried, found, rest
-    with np.errstate(all="ignore"):
-        done = least_squares(
-            residuals,
-            begin[free],
-            jac=jacobian,
-            bounds=(low, high),
-            x_scale="jac",
-            xtol=tolerance,
-            ftol=max(ENOUGH, tolerance**2, gain / max(first.cost, 1e-300)),
-            gtol=1e-14,
-            max_nfev=most,
-        )
-    end, point = at(done.x), begin.copy()
-    point[free] = done.x
-    assert end is not None
-    message = "" if done.status > 0 else str(done.message).rstrip(".")
-    return Found(point=point, at=end, message=message)
+        tried = np.where(is_free, np.clip(point + change, low, high), point)
+        try:
+            found = model.evaluate(tried)
+            expected = found.cost - _step(model, found, tried, is_free)[1]
+        except RunFailedError:
+            # the step was too long
+            found, expected = at, math.inf
+        if found.cost < at.cost:
+            point, at, damping, before = tried, found, 0.1 * damping * (damping > 1e-3), None
+            continue
+        # in a bent valley the step behind one that climbs may lead down
+        if before is None and not damping and expected < at.cost - 0.5 * rest:
+            before, point, at = (point, at), tried, found
+            continue
+        if before is not None:
+            (point, at), before = before, None
+        damping = max(10.0 * damping, 1e-2)
+    return Found(point=point, at=at, message=f"no minimum was found in {most} steps")
 
 
-def _linear_step(at: Evaluation, free: Integers) -> tuple[Array, float]:
-    """The step to the minimum of the linear model, and by how much the misfit falls there."""
-    jacobian = at.jacobian[:, free]
-    # a positive parameter that is nearly 0 has a small column, and may leave 0 all the same
-    size = np.linalg.norm(jacobian, axis=0)
-    size[size == 0.0] = 1.0
-    step = np.linalg.lstsq(jacobian / size, at.residuals, rcond=1e-12)[0] / size
-    return step, float(np.sum((jacobian @ step) ** 2))
-
-
-def _inside(bound: Array, other: Array, share: float = 1e-9) -> Array:
-    """A bound moved a little towards the other one."""
-    width = np.where(np.isfinite(other - bound), other - bound, np.sign(other - bound))
-    return np.where(np.isfinite(bound), bound + share * width, bound)
+def _step(
+    model: MotionModel, at: Evaluation, point: Array, is_free: Mask, damping: float = 0.0
+) -> tuple[Array, float]:
+    """Minus the step to the minimum of the damped linear model, and how far the misfit falls."""
+    low, high = model.bounds
+    while True:
+        jacobian = at.jacobian * is_free
+        # a positive parameter that is nearly 0 has a small column, and may leave 0 all the same
+        size = np.linalg.norm(jacobian, axis=0)
+        size[size == 0.0] = 1.0
+        rows = np.concatenate([jacobian / size, np.sqrt(damping) * np.eye(size.size)])
+        right = np.concatenate([at.residuals, np.zeros(size.size)])
+        step = np.linalg.lstsq(rows, right, rcond=1e-12)[0] / size
+        outwards = is_free & (((point <= low) & (step > 0)) | ((point >= high) & (step < 0)))
+        if not outwards.any():
+            return step, float(np.sum((jacobian @ step) ** 2))
+        is_free = is_free & ~outwards
 
 
 def search(model: MotionModel, scale: float) -> Found:
@@ -169,34 +136,27 @@ def search(model: MotionModel, scale: float) -> Found:
             for d, n in zip(one.deviations, one.sizes, strict=True)
         ]
         one.loosen(1e-4 * scale)
-    given = np.clip(model.start, *model.bounds)
-    chosen = [given, *_scan(model)]
-    costs = [_cost(parts[0], point) for point in chosen]
-    order = [k for k in np.argsort(costs, kind="stable").tolist() if costs[k] < math.inf]
-    chosen = [chosen[k] for k in order[:3]]
-    chosen.append(given)
+    scan = _scan(model)
+    costs = sorted((_cost(parts[0], point), number) for number, point in enumerate(scan))
+    chosen = [model.start, *(scan[number] for cost, number in costs[:3] if cost < math.inf)]
     for one in parts:
-        found = _distinct(one, chosen, most=7 if one is not parts[-1] else 20)
-        if not found:
-            raise RunFailedError("every run near the starting values fails")
-        chosen = [each.point for each in found[:3] if each.cost <= HOPELESS * found[0].cost]
+        found = _minima(one, chosen, most=7 if one is not parts[-1] else 20)
+        chosen = [each.point for each in found]
     return found[0]
 
 
-def _distinct(model: MotionModel, starts: Iterable[Array], most: int) -> list[Found]:
-    """The minima from some starts, the best first, each once."""
-    every, kept, begun = list[Found](), list[Found](), list[Array]()
+def _minima(model: MotionModel, starts: Iterable[Array], most: int) -> list[Found]:
+    """At most three minima from some starts, the best first, each once."""
+    every, kept = list[Found](), list[Found]()
     for start in starts:
-        if all(np.abs(start - other).max() > SAME for other in begun):
-            begun.append(start)
-            try:
-                every.append(least_squares_from(model, start, most=most, tolerance=ROUGH))
-            except RunFailedError:
-                continue
+        with contextlib.suppress(RunFailedError):
+            every.append(least_squares_from(model, start, most=most, tolerance=ROUGH))
     for one in sorted(every, key=lambda one: one.cost):
         if all(np.abs(one.point - other.point).max() > SAME for other in kept):
             kept.append(one)
-    return kept
+    if not kept:
+        raise RunFailedError("every run near the starting values fails")
+    return kept[:3]
 
 
 def _windows(model: MotionModel) -> list[list[DataSet]]:

@@ -40,10 +40,8 @@ class Series:
     times: Array
     values: Array
     """Shape ``(n,)``; times (for a response frequencies) increase."""
-    component: int = 0
     is_velocity: bool = False
-    """Index of the coordinate, from 0, and whether its velocity was measured."""
-    formula: Expression | None = None  # measured in a motion in place of a coordinate
+    formula: Expression | None = None  # measured in a motion in place of a coordinate or velocity
     amplitude: Amplitude | None = None  # measured in a response
 
 
@@ -89,7 +87,6 @@ class FitParameter:
     start: float  # where the search begins
     low: float = -math.inf
     high: float = math.inf
-    place: str = ""  # its place in the configuration, for complaints
 
     @property
     def is_positive(self) -> bool:

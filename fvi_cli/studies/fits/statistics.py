@@ -23,22 +23,28 @@ def rms(values: Array) -> float:
 
 def covariance(at: Evaluation, variance: float) -> tuple[Array, Array, bool]:
     """Correlations and standard errors of inner parameters; and whether they are determined."""
-    sizes = np.linalg.norm(at.jacobian, axis=0)
+    sizes, _, singular, right = _factors(at)
     if not np.all(sizes > 0):
         return np.eye(sizes.size), np.full(sizes.size, math.inf), False
-    _, singular, right = np.linalg.svd(at.jacobian / sizes, full_matrices=False)
     found = (right.T / np.maximum(singular, 1e-300) ** 2) @ right
     errors = np.sqrt(np.diag(found))
     correlations = found / np.outer(errors, errors)
     return correlations, math.sqrt(variance) * errors / sizes, bool(singular[-1] > SINGULAR)
 
 
-def _factors(at: Evaluation) -> tuple[Array, Array]:
-    """An orthonormal basis of the scaled derivatives ``(n, r)``, and the map back to parameters."""
-    sizes = np.maximum(np.linalg.norm(at.jacobian, axis=0), 1e-300)
-    left, singular, right = np.linalg.svd(at.jacobian / sizes, full_matrices=False)
+def _factors(at: Evaluation) -> tuple[Array, Array, Array, Array]:
+    """Sizes of the derivatives, and the singular values and vectors of those of size 1."""
+    sizes = np.linalg.norm(at.jacobian, axis=0)
+    scaled = at.jacobian / np.where(sizes > 0, sizes, 1.0)
+    return sizes, *np.linalg.svd(scaled, full_matrices=False)
+
+
+def _basis(at: Evaluation) -> tuple[Array, Array]:
+    """An orthonormal basis of the derivatives ``(n, r)``, and the map back to parameters."""
+    sizes, left, singular, right = _factors(at)
     kept = singular > SINGULAR * singular.max(initial=0.0)
-    return left[:, kept], (right[kept].T / singular[kept]) / sizes[:, None]
+    back = (right[kept].T / singular[kept]) / np.maximum(sizes, 1e-300)[:, None]
+    return left[:, kept], back
 
 
 def series_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
@@ -48,7 +54,7 @@ def series_freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     in series c, these are :math:`n_c - \mathrm{tr} H_{cc}` (Patterson and Thompson, *Recovery of
     inter-block information*, 1971: the variance of every series by restricted likelihood).
     """
-    parts = np.split(_factors(at)[0], np.cumsum(sizes)[:-1])
+    parts = np.split(_basis(at)[0], np.cumsum(sizes)[:-1])
     used = np.array([float(np.sum(part**2)) for part in parts])
     return np.asarray(np.maximum(np.array(sizes) - used, 0.0))
 
@@ -60,7 +66,7 @@ def freedoms(at: Evaluation, sizes: Sequence[int]) -> Array:
     approximate distribution of estimates of variance components*, 1946).
     """
     own = np.maximum(series_freedoms(at, sizes), 1e-3)
-    left, inverse = _factors(at)
+    left, inverse = _basis(at)
     rows = np.split(inverse @ left.T, np.cumsum(sizes)[:-1], axis=1)
     shares = np.array([np.sum(part**2, axis=1) for part in rows])
     shares /= np.maximum(shares.sum(axis=0), 1e-300)
