@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.storage import Store
+from fvi_cli.storage.identity import identity_of
 from fvi_cli.storage.parts import part_name, part_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 
@@ -15,7 +16,7 @@ from fvi_cli.studies.experiment import FinishedRun, Run
 def add(store: Store, finished: Sequence[FinishedRun]) -> None:
     """Store finished runs as one part."""
     runs = [one.run for one in finished]
-    store.add(part_name(runs), part_of(runs, finished, "{}"))
+    store.add(part_name(map(identity_of, runs)), part_of(runs, finished, "{}"))
     store.look()
 
 

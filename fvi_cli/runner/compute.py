@@ -132,9 +132,10 @@ def plan(
     config, part = load(source), shard_named(shard)
     runs = [run for experiment in config.experiments for run in experiment.runs()]
     work = _Work(config.name, runs, Store(file_of(config, output)), fresh and not is_stored(config))
-    actions = dict.fromkeys(runs, "reuse") | dict.fromkeys(work.missing(), "leave out")
+    missing = work.missing()
+    actions = dict.fromkeys(runs, "reuse") | dict.fromkeys(missing, "leave out")
     if not is_stored(config):
-        own = (run for batch in work.batches(part) for run in batch.runs)
+        own = (run for batch in work.batches(part, missing) for run in batch.runs)
         actions |= dict.fromkeys(own, "compute")
     groups = Counter(
         (run.experiment, run.method, run.n_steps, action) for run, action in actions.items()
@@ -189,12 +190,11 @@ class _Work:
                 found.setdefault(identity, one)
         return set(found.values())
 
-    def batches(self, part: tuple[int, int]) -> list[Batch]:
+    def batches(self, part: tuple[int, int], waiting: set[Run]) -> list[Batch]:
         """What is missing of the I-th of N parts.
 
         All runs are divided, so that a part does not depend on what others have stored.
         """
-        waiting = self.missing()
         shared = [[run for run in one.runs if run in waiting] for one in batches_of(self.runs)]
         number, count = part
         return [Batch(runs=tuple(one)) for one in shared[number - 1 :: count] if one]
@@ -203,9 +203,10 @@ class _Work:
         self, part: tuple[int, int], workers: int, dask: str | None, *, progress: bool
     ) -> dict[Run, str]:
         """Compute and store what is missing; returns runs that were lost, with the reason."""
-        batches, lost = self.batches(part), dict[Run, str]()
+        missing, lost = self.missing(), dict[Run, str]()
+        batches = self.batches(part, missing)
         own = [run for batch in batches for run in batch.runs]
-        count = len(self.missing())
+        count = len(missing)
         _logger.debug(
             "%s: %d runs, %d of them stored", self.name, len(self.runs), len(self.runs) - count
         )

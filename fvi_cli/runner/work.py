@@ -42,15 +42,15 @@ class Batch:
     references: Mapping[Run, Reference | None] = field(default_factory=dict)  # those that are known
     origin: str = field(default_factory=origin_text)  # provenance, as JSON text
 
-    @property
-    def name(self) -> str:
-        """The name of its part."""
-        return part_name(self.runs, "reference" if self.is_reference else "")
-
-    @property
+    @functools.cached_property
     def identities(self) -> list[str]:
         """The keys of what it computes."""
         return list(map(reference_identity_of if self.is_reference else identity_of, self.runs))
+
+    @property
+    def name(self) -> str:
+        """The name of its part: all machines that compute it write the same file."""
+        return part_name(self.identities)
 
     @property
     def n_steps(self) -> int:

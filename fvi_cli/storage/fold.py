@@ -67,8 +67,8 @@ class Fold:
                 self._groups += [
                     GroupRows(group, source, is_whole=False) for group in run_groups(file)
                 ]
-        self._order = {identity_of(run): number for number, run in enumerate(requested)}
         self._names = {identity_of(run): run.experiment.name for run in requested}
+        self._order = {identity: number for number, identity in enumerate(self._names)}
         # runs have the path of their experiment if they are of this variant
         first = {run.experiment.name: run for run in reversed(requested)}
         self._variants = {name: variant_of(run)[0] for name, run in first.items()}

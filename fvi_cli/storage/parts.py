@@ -41,9 +41,9 @@ _TEXT: Final = "text_number"
 _Row = tuple[dict[str, Any], dict[str, NDArray[Any]]]
 
 
-def part_name(runs: Iterable[Run], kind: str = "") -> str:
-    """The name of the part of a batch: all machines that compute it write the same file."""
-    return sha256(" ".join([kind, *map(identity_of, runs)]))[:24] + ".h5"
+def part_name(identities: Iterable[str]) -> str:
+    """The name of the part of some runs or references."""
+    return sha256(" ".join(identities))[:24] + ".h5"
 
 
 def part_of(runs: Sequence[Run], finished: Sequence[FinishedRun], origin: str) -> bytes:

@@ -184,6 +184,8 @@ def _differences_from_exact(problems: Sequence[AnyProblem]) -> dict[int, float]:
     :data:`CHECK_TOLERANCE` times the motion.
     """
     held = {k: one for k, one in enumerate(problems) if isinstance(one, Problem) and one.exact}
+    if not held:
+        return {}
     scenes = [one.scene for one in held.values()]
     pairs = (integrate_members(scenes, CHECK_METHOD, n, with_steps=True) for n in CHECK_STEPS)
     found: dict[int, float] = {}
