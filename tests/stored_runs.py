@@ -16,7 +16,8 @@ from fvi_cli.studies.experiment import FinishedRun, Run
 def add(store: Store, finished: Sequence[FinishedRun]) -> None:
     """Store finished runs as one part."""
     runs = [one.run for one in finished]
-    store.add(part_name(map(identity_of, runs)), part_of(runs, finished, "{}"))
+    name = part_name(runs[0], map(identity_of, runs))
+    store.add(name, part_of(runs, finished))
     store.look()
 
 

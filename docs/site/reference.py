@@ -17,7 +17,7 @@ PAGES = Path(__file__).parents[1] / "reference"
 BEGIN, END = "<!-- begin generated -->\n", "<!-- end generated -->\n"
 COMMON = 3
 """Options of so many commands stand in one table for all."""
-FORMS = {"plain": "number or text", "json": "JSON", "words": "text"}
+FORMS = {False: "number or text", True: "JSON"}
 
 
 def commands() -> str:
@@ -69,7 +69,7 @@ def files() -> str:
     lines = ["", "## Arrays of a run", "", "| dataset | axes | meaning |", "|---|---|---|"]
     lines += [
         f"| `{one.name}` | {', '.join(f'`{axis}`' for axis in one.axes)} | {one.meaning} |"
-        for one in FIELDS
+        for one in FIELDS.values()
         if one.axes
     ]
     lines += ["", "`*` is a name of your own. Axes have dimension scales of the same name.", ""]
@@ -81,7 +81,9 @@ def files() -> str:
         "| attribute | written as | meaning |",
         "|---|---|---|",
     ]
-    lines += [f"| `{f.name}` | {FORMS[f.form]} | {f.meaning} |" for f in FIELDS if not f.axes]
+    lines += [
+        f"| `{f.name}` | {FORMS[f.is_json]} | {f.meaning} |" for f in FIELDS.values() if not f.axes
+    ]
     return "\n".join([*lines, "", ""])
 
 

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from typing import Any
 
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.fields import COUNTS, EXTENTS, JSON_FIELDS, counts_in, extents_in, values_of
+from fvi_cli.storage.fields import COUNTS, EXTENTS, extents_in, values_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 
 JSON_FORMAT = 1
@@ -63,14 +63,10 @@ def _run(run: Run) -> dict[str, object]:
 
 def _values(values: Mapping[str, Any]) -> dict[str, object]:
     """The values of a run by the names of the table, with extents of quantities and events."""
-    found = {
-        name: json.loads(one) if name in JSON_FIELDS else one
-        for name, one in values.items()
-        if name not in (EXTENTS, COUNTS)
-    }
+    found = {name: one for name, one in values.items() if name not in (EXTENTS, COUNTS)}
     return {
         **found,
         "quantities": {name: asdict(one) for name, one in extents_in(values).items()},
-        "events": counts_in(values),
+        "events": values.get(COUNTS, {}),
         "stopped_by": values.get("stopped_by") or None,
     }

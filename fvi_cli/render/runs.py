@@ -14,7 +14,7 @@ from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
 from fvi_cli.reports.writers import grid_as_text, to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
-from fvi_cli.storage.fields import counts_in, extents_in, values_of
+from fvi_cli.storage.fields import COUNTS, extents_in, values_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.members import counts_in_words
 from fvi_cli.studies.peak_errors import with_peak_errors
@@ -130,8 +130,8 @@ def _observed(runs: Iterable[Subject]) -> list[str]:
                 "error": found.error, "least": found.least, "greatest": found.greatest,
                 "rms": found.rms,
             })  # fmt: skip
-        for name, count in counts_in(values).items():
-            ended = "ended by this event" if name == values["stopped_by"] else ""
+        for name, count in values.get(COUNTS, {}).items():
+            ended = "ended by this event" if name == values.get("stopped_by") else ""
             events.append({**head, "event": name, "times": count or "never", "run": ended})
     numbers = dict.fromkeys(("peak", "at t", "least", "greatest", "rms"), ".6g")
     return [columns_of(extents, error=".1e", **numbers), columns_of(events)]

@@ -73,10 +73,11 @@ def run(
     config, part = load(source), shard_named(shard)
     listed = {experiment: experiment.runs() for experiment in config.experiments}
     runs = [run for own in listed.values() for run in own]
-    store, lost = Store(file_of(config, output), keeps=keep), dict[Run, str]()
-    if is_stored(config):
-        store.fold()
+    path, lost = file_of(config, output), dict[Run, str]()
+    if path is not None and is_stored(config):
+        store = Store.existing(path)
     else:
+        store = Store(path, keeps=keep)
         if part[1] == 1:
             # a damaged part is found now, so that its runs are computed
             store.fold(runs)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from fvi_cli.errors import RequestError
 from fvi_cli.reports.naming import member_columns
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.storage.fields import JSON_FIELDS, counts_in, extents_in, values_of
+from fvi_cli.storage.fields import COUNTS, FIELDS, extents_in, values_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import EXTENTS
 
@@ -110,8 +110,12 @@ class Outcome:
         key |= {name: values.pop(name) for name in ("method", "case", "n_steps")}
         for name, extent in extents_in(values).items():
             values |= {f"{which}_{name}": getattr(extent, which) for which in EXTENTS}
-        values |= {f"count_{name}": count for name, count in counts_in(values).items()}
-        return key, {name: one for name, one in values.items() if name not in JSON_FIELDS}
+        values |= {f"count_{name}": count for name, count in values.get(COUNTS, {}).items()}
+        return key, {
+            name: one
+            for name, one in values.items()
+            if name not in FIELDS or not FIELDS[name].is_json
+        }
 
     @property
     def unexpected(self) -> tuple[FinishedRun, ...]:

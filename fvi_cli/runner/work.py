@@ -17,7 +17,6 @@ from fvi_cli.scenes.records.inputs import inputs_in, keep_numbers
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.identity import identity_of, reference_identity_of
 from fvi_cli.storage.parts import part_name, part_of, references_part_of
-from fvi_cli.storage.provenance import origin_text
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import members_at_a_time
 from fvi_cli.studies.reference import Reference, needs_refined_run, refined_references
@@ -40,7 +39,6 @@ class Batch:
     runs: tuple[Run, ...]
     is_reference: bool = False
     references: Mapping[Run, Reference | None] = field(default_factory=dict)  # those that are known
-    origin: str = field(default_factory=origin_text)  # provenance, as JSON text
 
     @functools.cached_property
     def identities(self) -> list[str]:
@@ -50,7 +48,7 @@ class Batch:
     @property
     def name(self) -> str:
         """The name of its part: all machines that compute it write the same file."""
-        return part_name(self.identities)
+        return part_name(self.runs[0], self.identities)
 
     @property
     def n_steps(self) -> int:
@@ -138,7 +136,7 @@ def compute(batch: Batch) -> bytes:
                 own, [batch.references.get(run) for run in own], log=_logger.debug
             )
         ]
-    return part_of(asked, finished, batch.origin)
+    return part_of(asked, finished)
 
 
 # --- other processes ------------------------------------------------------------------------------

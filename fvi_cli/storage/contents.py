@@ -5,23 +5,26 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
+import h5py
 import numpy as np
 
-from fvi_cli.storage.columns import Rows
 from fvi_cli.storage.fields import field_named
-from fvi_cli.storage.fold import KEPT, run_groups
-from fvi_cli.storage.groups import GroupRows
+from fvi_cli.storage.fold import experiments_in
+from fvi_cli.storage.groups import OF_GROUP, read_records, run_groups
 from fvi_cli.storage.hdf5 import opened, read_attributes
 from fvi_cli.storage.identity import INPUT
-from fvi_cli.storage.parts import REFERENCES, SETTINGS, texts_in
+from fvi_cli.storage.parts import settings_in
 from fvi_cli.storage.store import Store, StoredConfiguration
 from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words
 
 _CONFIG_KEYS: Final = {"norm": "report.norm", "store_every": "store.every"}
 _ABSENT: Final = object()
+COUNTED: Final = ("status", "predicted")
+"""Values of members that are counted in a line for all."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,45 +55,40 @@ def read_configuration(path: Path | str) -> StoredConfiguration:
 
 def list_runs(path: Path | str) -> StoredFile:
     """The runs and the provenance of a result file, without their motions."""
-    store = Store(Path(path))
-    store.configuration()
-    store.fold()
-    own: dict[str, dict[str, Any]] = {}
-    found: list[tuple[str, bool, Rows, dict[str, Any]]] = []
+    store = Store.existing(Path(path))
+    settings: dict[str, Any] = {}
+    runs: list[StoredRun] = []
     provenance: dict[str, Any] = {}
     for source in store.sources():
         with opened(source) as file:
             provenance |= read_attributes(file.id)
-            for group in run_groups(file):
-                *above, experiment, _, _ = str(group.name).split("/")
-                if experiment == REFERENCES:
-                    continue
-                rows = GroupRows(group, source)
-                (variant, *_) = rows.column("variant")
-                settings = json.loads(texts_in(file[SETTINGS][variant])["settings"])
-                if KEPT not in above:
-                    own.setdefault(experiment, settings)
-                found.append((experiment, KEPT in above, rows, settings))
-    runs = [
-        _stored_run(name, rows, difference_in_words(own.get(name, {}), settings) if kept else "")
-        for name, kept, rows, settings in sorted(found, key=lambda one: one[1])
-    ]
+            # those that are asked for stand first
+            for experiment, name, variant in experiments_in(file):
+                own = json.loads(settings_in(file, variant))
+                words = difference_in_words(settings.setdefault(name, own), own)
+                runs += [_stored_run(name, group, words) for group in run_groups(experiment)]
+    runs.sort(key=lambda one: bool(one.variant))
     return StoredFile(provenance=provenance, runs=tuple(runs))
 
 
-def _stored_run(experiment: str, rows: Rows, variant: str) -> StoredRun:
-    values = {name: one for name, one in rows.common.items() if field_named(name) is not None}
-    if not rows.keys:
+def _stored_run(experiment: str, group: h5py.Group, variant: str) -> StoredRun:
+    records = list(chain.from_iterable(read_records(group, motions=False)))
+    keys, first = records[0].keys, records[0].values
+    if not keys:
+        values = {name: one for name, one in first.items() if field_named(name) is not None}
         return StoredRun(experiment=experiment, values=values, variant=variant)
-    errors = np.array(rows.column("error"), dtype=float)
+    columns: dict[str, list[Any]] = {
+        name: [one.values.get(name) for one in records] for name in ("error", *COUNTED, *keys)
+    }
+    errors = np.array(columns["error"], dtype=float)
+    values = {name: first[name] for name in OF_GROUP if name in first} | {"norm": first["norm"]}
     values["error"] = float(np.nanmax(errors)) if np.isfinite(errors).any() else float("nan")
-    for name in ("status", "predicted"):
-        values[name] = counts_in_words(rows.column(name))
+    values |= {name: counts_in_words(columns[name]) for name in COUNTED}
     return StoredRun(
         experiment=experiment,
         values=values,
-        members=rows.count,
-        swept="; ".join(swept_in_words(key, rows.column(key)) for key in rows.keys),
+        members=len(records),
+        swept="; ".join(swept_in_words(key, columns[key]) for key in keys),
         variant=variant,
     )
 

@@ -6,18 +6,16 @@ Result files, ``fvi show``, JSON documents and data frames have their names from
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import dataclass, replace
 from operator import attrgetter
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observe.request import Event, Impact
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import (
@@ -44,7 +42,7 @@ class Field:
     # is not read back
     at: str | Callable[[FinishedRun], Any]
     axes: tuple[str, ...] = ()  # axes of an array; empty: an attribute
-    form: Literal["plain", "json"] = "plain"  # how an attribute is written
+    is_json: bool = False  # a list or a mapping, which is written as JSON
 
     @functools.cached_property
     def get(self) -> Callable[[FinishedRun], Any]:
@@ -53,34 +51,22 @@ class Field:
 
 
 def _extents(finished: FinishedRun) -> dict[str, Any] | None:
-    """Peaks and other extents of quantities, with their expressions."""
+    """Peaks and other extents of quantities; JSON has no nan."""
     observed = finished.trajectory.observed
-    if observed is None or not observed.extents:
+    if observed is None:
         return None
-    formulas = finished.run.experiment.observations.quantities or {}
     return {
-        name: {"expression": formulas[name].text, **_without_nan(asdict(extent))}
-        for name, extent in observed.extents.items()
+        name: {key: value if math.isfinite(value) else None for key, value in vars(one).items()}
+        for name, one in observed.extents.items()
     }
 
 
-def _without_nan(values: Mapping[str, float]) -> dict[str, float | None]:
-    return {key: float(one) if math.isfinite(one) else None for key, one in values.items()}
-
-
-def _counts(finished: FinishedRun) -> dict[str, Any] | None:
-    """How often events happened, with their expressions."""
-    observed, observations = finished.trajectory.observed, finished.run.experiment.observations
-    if observed is None or not observed.events:
+def _counts(finished: FinishedRun) -> dict[str, int] | None:
+    """How often events happened."""
+    observed = finished.trajectory.observed
+    if observed is None:
         return None
-    sources: dict[str, Event | Impact] = {
-        **(observations.events or {}),
-        **(observations.impacts or {}),
-    }
-    return {
-        name: {"when": sources[name].when.text, "count": int(one.time.size)}
-        for name, one in observed.events.items()
-    }
+    return {name: int(one.time.size) for name, one in observed.events.items()}
 
 
 def _mesh(finished: FinishedRun) -> NDArray[Any] | None:
@@ -128,7 +114,7 @@ _EVENT = f"events/*/{OCCURRENCE}"
 _T = "trajectory."
 _D, _O, _N, _A = _T + "diagnostics.", _T + "observed.", _T + "newton.", _T + "assessment."
 
-FIELDS: Final[tuple[Field, ...]] = (
+FIELDS: Final[dict[str, Field]] = {one.name: one for one in (
     Field("time", "time", _T + "time", (TIME,)),
     Field("position", "position", _T + "position", (TIME, "dof")),
     Field("momentum", "momentum", _T + "momentum", (TIME, "dof")),
@@ -170,8 +156,8 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("predicted", "what the stability analysis said", "predicted"),
     Field("integration_status", "how the integration ended", _T + "status"),
     Field("message", "what happened where it is not ok", _T + "message"),
-    Field("remarks", "what a reader should know", _T + "remarks", form="json"),
-    Field("coordinates", "names of the coordinates", _T + "coordinates", form="json"),
+    Field("remarks", "what a reader should know", _T + "remarks", is_json=True),
+    Field("coordinates", "names of the coordinates", _T + "coordinates", is_json=True),
     Field("setup_seconds", "time for weights and factorisations in seconds", _T + "setup_seconds"),
     Field("seconds", "time for the steps in seconds", _T + "stepping_seconds"),
     Field("history_operations", "multiply-adds spent on the memory", _T + "history_operations"),
@@ -179,26 +165,21 @@ FIELDS: Final[tuple[Field, ...]] = (
     Field("newton_largest", "most iterations of a step", _N + "largest"),
     Field("store_every", "every n-th point is kept", _T + "every"),
     Field("stopped_by", "event that ended the run", _O + "stopped_by"),
-    Field(EXTENTS, "how large quantities become", _extents, form="json"),
-    Field(COUNTS, "how often events happened", _counts, form="json"),
+    Field(EXTENTS, "how large quantities become", _extents, is_json=True),
+    Field(COUNTS, "how often events happened", _counts, is_json=True),
     Field("tolerance", "largest error that was asked for", _A + "tolerance"),
     Field("estimate", "estimated error", _A + "estimate"),
-    Field("attempts", "what was tried", _A + "attempts", form="json"),
+    Field("attempts", "what was tried", _A + "attempts", is_json=True),
     Field("outcome", "whether the tolerance is met", _A + "outcome"),
     Field("relative", "share of the largest position that was asked for",
           lambda f: f.run.experiment.accuracy and f.run.experiment.accuracy.relative),
-)  # fmt: skip
-
-JSON_FIELDS: Final = frozenset(one.name for one in FIELDS if one.form == "json")
-"""Values of several entries."""
+)}  # fmt: skip
 
 CLASSES: Final[Mapping[str, type]] = {
     "measured": Measured,
-    "trajectory": Trajectory,
     "trajectory.assessment": Assessment,
     "trajectory.newton": NewtonRecord,
     "trajectory.diagnostics": Diagnostics,
-    "trajectory.observed": Observed,
 }
 """Classes by the path at which they stand in a finished run."""
 
@@ -213,15 +194,17 @@ _NOTHING: Final[Mapping[str, NDArray[Any]]] = {"time": np.zeros(0), "position": 
 """Arrays of a run that is read without its motion."""
 
 
-@functools.lru_cache(maxsize=4096)
 def field_named(name: str) -> Field | None:
     """The field of a name; None: this version does not know the name."""
-    parts = name.split("/")
-    for one in FIELDS:
-        own = one.name.split("/")
-        if len(own) == len(parts) and all(a in ("*", b) for a, b in zip(own, parts, strict=True)):
-            return one
-    return None
+    first, *rest = name.split("/")
+    return FIELDS.get("/".join([first, "*", *rest[1:]]) if rest else first)
+
+
+@functools.lru_cache(maxsize=4096)
+def axes_of(name: str) -> tuple[str, ...]:
+    """The axes of an array, which follow from its name; empty for a value."""
+    found = field_named(name)
+    return () if found is None else tuple(_named(name, axis) for axis in found.axes)
 
 
 def meaning_of(name: str) -> str:
@@ -229,69 +212,47 @@ def meaning_of(name: str) -> str:
     found = field_named(name)
     if found is None:
         return AXES.get(name, name.replace("_", " "))
-    return found.meaning.replace("*", name.split("/")[1]) if "*" in found.name else found.meaning
+    return _named(name, found.meaning)
 
 
-def axes_of(name: str) -> tuple[str, ...]:
-    """The axes of an array, which follow from its name; empty for a value."""
-    found = field_named(name)
-    return () if found is None else tuple(_named(name, axis) for axis in found.axes)
-
-
-def _named(name: str, path: str) -> str:
-    """A path or axis of the table with * replaced by the name that a user has chosen."""
-    return path.replace("*", name.split("/")[1]) if "*" in path else path
+def _named(name: str, text: str) -> str:
+    """A text of the table with the name that a user has chosen in place of *."""
+    return text.replace("*", name.split("/")[1]) if "*" in text else text
 
 
 def values_of(finished: FinishedRun) -> dict[str, Any]:
-    """The values of a finished run by the names of the table: text, numbers, lists of numbers.
-
-    Texts with several entries are JSON.
-    """
-    found = {}
-    for one in FIELDS:
-        if not one.axes:
-            for name, value in _given(one, finished):
-                written = _written(one, value)
-                if written is not None:
-                    found[name] = written
-    return found
+    """The values of a finished run by the names of the table: text, numbers, lists, mappings."""
+    return {
+        name: value.item() if isinstance(value, np.generic) else value
+        for name, value in _given(finished, are_arrays=False)
+    }
 
 
 def arrays_of(finished: FinishedRun) -> dict[str, NDArray[Any]]:
     """The arrays of a finished run by the names of the table."""
-    return {
-        name: np.asarray(value, dtype="<f8")
-        for one in FIELDS
-        if one.axes
-        for name, value in _given(one, finished)
-    }
+    given = _given(finished, are_arrays=True)
+    return {name: np.asarray(value, dtype="<f8") for name, value in given}
 
 
-def _given(one: Field, finished: FinishedRun) -> Iterator[tuple[str, Any]]:
-    """Name and value of a field, as often as there is one."""
-    try:
-        found = one.get(finished)
-    except AttributeError:
-        if callable(one.at):
-            raise
-        return  # something on the way is None
-    if found is None:
-        return
-    if callable(one.at) or "*" not in one.at:
-        yield one.name, found
-        return
-    after = one.at.partition(".*")[2]
-    for name, inner in found.items():
-        yield one.name.replace("*", name), attrgetter(after[1:])(inner) if after else inner
-
-
-def _written(one: Field, value: Any) -> Any:
-    """A value as text, int, float or list of floats; None for nothing at all."""
-    if one.form == "json":
-        # that a run has no remarks is stored too
-        return json.dumps(value, ensure_ascii=False) if value or one.name == "remarks" else None
-    return value.item() if isinstance(value, np.generic) else value
+def _given(finished: FinishedRun, *, are_arrays: bool) -> Iterator[tuple[str, Any]]:
+    """Name and value of every field that a run has."""
+    for one in FIELDS.values():
+        if bool(one.axes) != are_arrays:
+            continue
+        try:
+            found = one.get(finished)
+        except AttributeError:
+            if callable(one.at):
+                raise
+            continue  # something on the way is None
+        if found is None:
+            continue
+        if callable(one.at) or "*" not in one.at:
+            yield one.name, found
+            continue
+        after = one.at.partition(".*")[2]
+        for name, inner in found.items():
+            yield one.name.replace("*", name), attrgetter(after[1:])(inner) if after else inner
 
 
 def finished_of(
@@ -305,73 +266,64 @@ def finished_of(
     objects: dict[str, dict[str, Any]] = {"": {}, "trajectory": {}}
     for name, value in (*values.items(), *({**_NOTHING, **arrays}).items()):
         place = _place(name)
-        if place is not None and value is not None:
-            above, last, is_json = place
-            objects.setdefault(above, {})[last] = _entries(value) if is_json else value
-    if (path := "trajectory.diagnostics") in objects:
-        objects[path]["time"] = arrays[MESH]
-    if "stopped_by" in values:
-        _observe(objects, values, arrays)
-    objects["trajectory"]["steps"] = steps_in(run, arrays)
-    # inner objects first
-    for path in sorted(objects, key=len, reverse=True):
-        if path:
-            above, _, last = path.rpartition(".")
-            made = CLASSES[path](**objects[path]) if path in CLASSES else objects[path]
-            objects.setdefault(above, {})[last] = made
-    found = FinishedRun(run=run, **objects[""])
-    if found.measured is None or values["norm"] == run.experiment.norm:
+        if place is not None:
+            own = tuple(value) if isinstance(value, list) else value
+            objects.setdefault(place[0], {})[place[1]] = own
+    trajectory = objects.pop("trajectory")
+    if not run.experiment.observations.is_empty:
+        trajectory["observed"] = _observed(objects, values, arrays)
+    if "trajectory.diagnostics" in objects:
+        objects["trajectory.diagnostics"]["time"] = arrays[MESH]
+    for path, made in CLASSES.items():
+        own = objects.get(path, {})
+        # members of a sweep have nan where others have a value
+        if not all(isinstance(one, float) and math.isnan(one) for one in own.values()):
+            trajectory[path.rpartition(".")[2]] = made(**own)
+    measured = trajectory.pop("measured", None)
+    motion = Trajectory(**trajectory, steps=steps_in(run, arrays))
+    found = FinishedRun(run=run, trajectory=motion, measured=measured, **objects[""])
+    if measured is None or values["norm"] == run.experiment.norm:
         return found
     # most commands read runs in the norm that they have, and need not wait for this import
     from fvi_cli.studies.study import judged, order_smooth_of
 
-    own = judged(run, found.trajectory.status, found.measured)
-    return replace(found, order_smooth=order_smooth_of(run), **own)
+    return replace(found, order_smooth=order_smooth_of(run), **judged(run, motion.status, measured))
 
 
 @functools.lru_cache(maxsize=4096)
-def _place(name: str) -> tuple[str, str, bool] | None:
-    """The object and attribute to which a value is read back, and whether it is JSON."""
+def _place(name: str) -> tuple[str, str] | None:
+    """The path of an object, and its attribute, to which a value is read back."""
     one = field_named(name)
     if one is None or callable(one.at):
         return None
     above, _, last = _named(name, one.at).rpartition(".")
-    return above, last, one.form == "json"
+    return above, last
 
 
-@functools.lru_cache(maxsize=4096)
-def _entries(text: str) -> tuple[str, ...]:
-    return tuple(json.loads(text))
-
-
-def _observe(
+def _observed(
     objects: dict[str, dict[str, Any]],
     values: Mapping[str, Any],
     arrays: Mapping[str, NDArray[Any]],
-) -> None:
-    """Put the observed quantities and events where they stand."""
-    observed = objects.setdefault("trajectory.observed", {})
-    observed["mesh"] = arrays.get(MESH, arrays.get(TIME, _NOTHING[TIME]))
-    observed["extents"] = extents_in(values)
-    prefix = "trajectory.observed.events."
-    events = {path[len(prefix) :]: path for path in objects if path.startswith(prefix)}
-    observed["events"] = {name: Occurrences(**objects.pop(path)) for name, path in events.items()}
+) -> Observed:
+    """The quantities and events, which are taken out of `objects`."""
+    path = "trajectory.observed"
+    events = f"{path}.events."
+    return Observed(
+        mesh=arrays.get(MESH, arrays.get(TIME, _NOTHING[TIME])),
+        quantities=objects.pop(f"{path}.quantities", {}),
+        extents=extents_in(values),
+        events={
+            one[len(events) :]: Occurrences(**objects.pop(one))
+            for one in [*objects]
+            if one.startswith(events)
+        },
+        **objects.pop(path, {}),
+    )
 
 
 def extents_in(values: Mapping[str, Any]) -> dict[str, Extent]:
     """The extents (peak, rms, ...) of quantities by name, from stored values."""
-    names = [one.name for one in fields(Extent)]
     return {
-        quantity: Extent(**{k: math.nan if one.get(k) is None else float(one[k]) for k in names})
-        for quantity, one in json.loads(values.get(EXTENTS) or "{}").items()
+        quantity: Extent(**{k: math.nan if v is None else v for k, v in one.items()})
+        for quantity, one in values.get(EXTENTS, {}).items()
     }
-
-
-def counts_in(values: Mapping[str, Any]) -> dict[str, int]:
-    """How often every event happened, from stored values."""
-    return dict(_counted(values.get(COUNTS) or "{}"))
-
-
-@functools.lru_cache(maxsize=4096)
-def _counted(text: str) -> tuple[tuple[str, int], ...]:
-    return tuple((name, int(one["count"])) for name, one in json.loads(text).items())

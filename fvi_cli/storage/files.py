@@ -6,7 +6,7 @@ import contextlib
 import errno
 import os
 import secrets
-import stat
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,45 +20,33 @@ _WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 def replace_file(path: Path, content: bytes) -> None:
     """Write `content` to a new file in the folder of `path`, flush it to disk, and rename it."""
-    with replacement(path) as handle, os.fdopen(os.dup(handle), "wb") as stream:
-        stream.write(content)
+    with replacement(path) as temporary:
+        temporary.write_bytes(content)
 
 
 @contextlib.contextmanager
-def replacement(path: Path) -> Iterator[int]:
-    """Descriptor of a new file that replaces `path` when the block has ended.
+def replacement(path: Path) -> Iterator[Path]:
+    """A new path in the folder of `path`, whose file replaces `path` when the block has ended.
 
-    It is open for reading and writing. On any failure `path` stays as it was, and the new file is
-    removed. Where `path` is a link, its target is replaced. The new file has the mode of the old.
+    On any failure `path` stays as it was, and the new file is removed. Where `path` is a link, its
+    target is replaced. The new file has the mode of the old.
     """
-    target = followed(path)
+    # a link may lead to a file that does not exist
+    target = path.resolve() if path.is_symlink() else path
     temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}{UNFINISHED}")
-    flags = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
     try:
-        handle = os.open(temporary, flags, 0o666)
-        try:
-            try:
-                if target.exists():
-                    temporary.chmod(stat.S_IMODE(target.stat().st_mode))
-                yield handle
-                os.fsync(handle)
-            finally:
-                # some systems cannot rename an open file
-                os.close(handle)
-            temporary.replace(target)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
-    except OSError as error:
+        yield temporary
+        if target.exists():
+            shutil.copymode(target, temporary)
+        with temporary.open("rb+") as file:
+            os.fsync(file.fileno())
+        temporary.replace(target)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)
         # for a full disk the system gives no name, for a folder that of the unfinished file
-        if error.errno and (not error.filename or str(error.filename).endswith(UNFINISHED)):
+        if isinstance(error, OSError) and str(error.filename or UNFINISHED).endswith(UNFINISHED):
             error.filename = str(path)
         raise
-
-
-def followed(path: Path) -> Path:
-    """The target of a link, whether it exists or not; any other path unchanged."""
-    return path.resolve() if path.is_symlink() else path
 
 
 @contextlib.contextmanager
@@ -88,12 +76,11 @@ def file_lock(path: Path, *, waits: bool) -> Iterator[bool]:
     lock = FileLock(path, timeout=-1 if waits else 0, fallback_to_soft=False)
     try:
         lock.acquire()
-    except Timeout:
-        yield False
-        return
     except (OSError, NotImplementedError) as error:
-        if isinstance(error, OSError) and error.errno not in _WITHOUT_LOCKS:
-            raise
+        if isinstance(error, OSError) and not isinstance(error, Timeout):
+            is_without = error.errno in _WITHOUT_LOCKS
+            if not is_without:
+                raise
         yield False
         return
     try:

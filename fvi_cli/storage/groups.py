@@ -1,185 +1,254 @@
 """A run, or the members of a sweep in common arrays, as a group that netCDF readers understand.
 
-Values that all runs of a group share are attributes. Values in which members differ are datasets
-along ``member``, which is also the first axis of their arrays; nan fills the ends of shorter
-motions, ``points`` has their lengths.
+The values of a single run are attributes. Values of members are datasets along ``member``, which is
+also the first axis of their arrays; nan fills the ends of shorter motions, ``points`` has their
+lengths.
 """
 
 from __future__ import annotations
 
 import json
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import h5py
 import numpy as np
-from h5py import h5a, h5g, h5o
+from h5py import h5a
 from numpy.typing import NDArray
 
-from fvi_cli.storage.columns import FILL, Column, Rows, are_equal, joined
-from fvi_cli.storage.fields import AXES, OCCURRENCE, axes_of, meaning_of
+from fvi_cli.storage.fields import COUNTS, MESH, OCCURRENCE, TIME, axes_of, field_named
+from fvi_cli.storage.fields import meaning_of as meaning
 from fvi_cli.storage.hdf5 import (
-    LINKS,
-    NewGroup,
-    Source,
+    FILL,
+    as_text,
     attach_scales,
-    copy_attributes,
+    children,
     datasets,
-    opened,
+    make_group,
+    put,
     read_attributes,
     write_attributes,
 )
 
+IDENTITY: Final = "identity"
 MEMBER: Final = "member"
 SWEPT: Final = "swept"
+OF_GROUP: Final = ("method", "case", "n_steps", "step_size", "coordinates", "store_every")
+"""Values that all members of a group share; they are its attributes."""
+NUMBER, DESIGN = "number", "design"
+"""Place in the sweep, and name, of a member."""
+LENGTHS: Final[Mapping[str, str]] = {TIME: "points", MESH: "mesh_points"}
+"""Values with the lengths of the arrays of a member along an axis."""
 BLOCK_BYTES: Final = 2**24
-"""Arrays of members are read and written in blocks of so many bytes."""
-
-Piece = tuple[Rows, int, int]
-"""Runs, and the first and the last (exclusive) that are meant."""
+BLOCK_ROWS: Final = 4096
+"""Members are read in blocks of so many bytes and rows."""
 
 
-class GroupRows(Rows):
-    """Runs in a group of a file, which is opened only while arrays are read."""
+@dataclass(frozen=True)
+class Record:
+    """A stored run, or a stored reference."""
 
-    def __init__(self, group: h5py.Group, source: Source, *, is_whole: bool = True) -> None:
-        # for a single run that is copied as a whole these two suffice
-        is_brief = not is_whole and h5a.exists(group.id, b"identity")
-        common = read_attributes(group.id, ("identity", "variant") if is_brief else ())
-        super().__init__(common=common, keys=tuple(json.loads(common.pop(SWEPT, "[]"))))
-        self.source, self.path = source, str(group.name)
-        for name, node in datasets(group):
-            if axes_of(name):
-                self.shapes[name] = node.shape
-            elif self.keys and name not in (MEMBER, *AXES) and OCCURRENCE not in name:
-                is_json, has_fill = "encoding" in node.attrs, "_FillValue" in node.attrs
-                self.columns[name] = Column(node[()], is_json, has_fill)
-        if self.keys:
-            self.count = len(self.columns["identity"].data)
-            for name, shape in self.shapes.items():
-                self.shapes[name] = shape if self.is_shared(name) else shape[1:]
+    path: str  # of its group
+    values: Mapping[str, Any]  # by the names of the table of fields, and identity, swept keys, ...
+    arrays: Mapping[str, NDArray[Any]]
+    # swept keys of members, which share a group; empty: a single run
+    keys: tuple[str, ...] = ()
 
-    def arrays(self, first: int, last: int) -> dict[str, NDArray[Any]]:
-        """As :meth:`Rows.arrays`."""
-        with opened(self.source, self.path) as file:
-            return self.arrays_in(file, first, last)
+    @property
+    def identity(self) -> str:
+        """The key of the run or of the reference."""
+        return str(self.values[IDENTITY])
 
-    def arrays_in(
-        self, file: h5py.File, first: int, last: int, *, motions: bool = True
-    ) -> dict[str, NDArray[Any]]:
-        """The same of an open file; without motions the arrays of events alone."""
-        group = file[self.path]
-        return {
-            name: group[name][()] if self.is_shared(name) else _rows(group[name], first, last)
-            for name in self.shapes
-            if motions or name.startswith("events/")
-        }
 
-    def copy_to(self, file: h5py.File, path: str) -> bool:
-        """As :meth:`Rows.copy_to`, with attributes of other programs and dimension scales."""
-        with opened(self.source, self.path) as own:
-            group, axes = own[self.path], {}
-            for name, node in datasets(group):
-                # HDF5 copies chunks as they are: damage in them must be seen here
-                step = max(1, BLOCK_BYTES // max(node.nbytes // max(len(node), 1), 1))
-                for start in range(0, len(node), step):
-                    node[start : start + step]
-                axes[name] = (MEMBER,) if name in self.columns else axes_of(name) or (name,)
-                if name in self.shapes and not self.is_shared(name):
+def run_groups(file: h5py.File | h5py.Group) -> Iterator[h5py.Group]:
+    """All groups of runs and references."""
+    for _, node in children(file):
+        if isinstance(node, h5py.Group):
+            if IDENTITY in node or h5a.exists(node.id, IDENTITY.encode()):
+                yield node
+            else:
+                yield from run_groups(node)
+
+
+def identities_in(group: h5py.Group) -> list[str]:
+    """The identities of the runs of a group, row by row."""
+    if IDENTITY in group:
+        return [one.decode() for one in group[IDENTITY][()].tolist()]
+    return [str(read_attributes(group.id, [IDENTITY])[IDENTITY])]
+
+
+def keys_in(group: h5py.Group) -> tuple[str, ...]:
+    """The swept keys of a group of members; empty: it has a single run."""
+    if not h5a.exists(group.id, SWEPT.encode()):
+        return ()
+    return tuple(json.loads(read_attributes(group.id, [SWEPT])[SWEPT]))
+
+
+# --- writing --------------------------------------------------------------------------------------
+
+
+@dataclass
+class GroupWriter:
+    """Writes runs to a file; runs that it has already are written over."""
+
+    file: h5py.File
+    # rows of the members in every group, by their identities
+    _rows: dict[str, dict[str, int]] = field(default_factory=dict)
+
+    def write(self, records: Sequence[Record]) -> None:
+        """Write some runs."""
+        groups: dict[str, list[Record]] = defaultdict(list)
+        for one in records:
+            groups[one.path].append(one)
+        for path, own in groups.items():
+            if own[0].keys:
+                self._write_members(path, own)
+            else:
+                self._write_single(path, own[-1])
+
+    def attach_scales(self) -> None:
+        """Complete the groups that were written: fill of members, and dimension scales."""
+        for path, rows in self._rows.items():
+            group, axes = self.file[path], {}
+            keys = keys_in(group)
+            for name, node in _own_datasets(group, keys).items():
+                axes[name] = axes_of(name)
+                if keys and not _is_shared(name):
                     axes[name] = (MEMBER, *axes[name])
-            h5o.copy(group.id, b".", file.id, path.encode(), lcpl=LINKS)
-        attach_scales(h5g.open(file.id, path.encode()), axes)
-        return True
+                    node.resize(len(rows), axis=0)
+            attach_scales(group.id, axes, grows=bool(keys))
+
+    def _write_single(self, path: str, record: Record) -> None:
+        if path in self.file:
+            del self.file[path]
+        group = make_group(self.file, path)
+        self._rows[path] = {}
+        for name, values in record.arrays.items():
+            put(group, name, values, long_name=meaning(name))
+        write_attributes(group, record.values)
+
+    def _write_members(self, path: str, records: Sequence[Record]) -> None:
+        if path not in self._rows:
+            known = identities_in(self.file[path]) if path in self.file else []
+            self._rows[path] = {one: row for row, one in enumerate(known)}
+        held, first = self._rows[path], records[0]
+        is_new, group = not held, make_group(self.file, path)
+        rows = [held.setdefault(one.identity, len(held)) for one in records]
+        for name in dict.fromkeys(name for one in records for name in one.values):
+            if name not in OF_GROUP:
+                column = _column([one.values.get(name) for one in records])
+                put(group, name, column, rows, grows=True, long_name=meaning(name))
+        for name in dict.fromkeys(name for one in records for name in one.arrays):
+            own = [one.arrays.get(name) for one in records]
+            if not _is_shared(name):
+                put(group, name, _padded(own), rows, grows=True, long_name=meaning(name))
+                continue
+            # all members have the longest coordinate in common
+            longest = max((one for one in own if one is not None), key=len)
+            if name.encode() not in group or len(self.file[path][name]) < len(longest):
+                put(group, name, longest, grows=True, long_name=meaning(name))
+        if is_new:
+            common = {name: first.values[name] for name in OF_GROUP if name in first.values}
+            write_attributes(group, {SWEPT: list(first.keys), **common})
 
 
-def _rows(node: h5py.Dataset, first: int, last: int) -> NDArray[Any]:
-    return np.asarray(node[()] if (first, last) == (0, len(node)) else node[first:last])
+def _column(values: Sequence[Any]) -> NDArray[Any]:
+    """Values of members as numbers, or as texts where not all of them are numbers."""
+    kinds = {type(one) for one in values if one is not None}
+    if kinds <= {int}:
+        return np.array([-1 if one is None else one for one in values], dtype="<i8")
+    if kinds <= {int, float}:
+        return np.array([np.nan if one is None else one for one in values], dtype="<f8")
+    texts = ("" if one is None else as_text(one) for one in values)
+    return np.array([one.encode() for one in texts], dtype="S")
 
 
-def rows_in_block(rows: Rows, shapes: Mapping[str, tuple[int, ...]]) -> int:
-    """How many runs with arrays of these shapes are read or written at once."""
-    own = sum(8 * int(np.prod(one)) for name, one in shapes.items() if not rows.is_shared(name))
-    return max(1, BLOCK_BYTES // max(own, 1))
+def _padded(arrays: Sequence[NDArray[Any] | None]) -> NDArray[Any]:
+    """Arrays of several lengths as one, with nan at their ends."""
+    shapes = [one.shape for one in arrays if one is not None]
+    found = np.full((len(arrays), *map(max, zip(*shapes, strict=True))), np.nan)
+    for row, one in enumerate(arrays):
+        if one is not None:
+            found[row][tuple(map(slice, one.shape))] = one
+    return found
 
 
-def write_group(
-    file: h5py.File, path: str, pieces: Sequence[Piece], *, has_scales: bool = True
-) -> None:
-    """Write runs to a new group, few of them in memory at a time."""
-    rows, begin, last = pieces[0]
-    if len(pieces) == 1 and (begin, last) == (0, rows.count) and rows.copy_to(file, path):
+# --- reading --------------------------------------------------------------------------------------
+
+
+def read_records(
+    group: h5py.Group, rows: Sequence[int] | None = None, *, motions: bool = True
+) -> Iterator[list[Record]]:
+    """The runs in some rows of a group, or in all, in blocks of limited size.
+
+    Without `motions` members have only their events.
+    """
+    keys, path = keys_in(group), str(group.name)
+    nodes = _own_datasets(group, keys)
+    common = {name: _value(name, one) for name, one in read_attributes(group.id).items()}
+    if not keys:
+        yield [Record(path, common, {name: node[()] for name, node in nodes.items()})]
         return
-    new, count = NewGroup(file, path), sum(last - begin for _, begin, last in pieces)
-    common, columns = _merged(pieces)
-    shapes: dict[str, tuple[int, ...]] = {}
-    for one, _, _ in pieces:
-        for name, shape in one.shapes.items():
-            shapes[name] = tuple(map(max, shapes.get(name, (0,) * len(shape)), shape))
-    if rows.keys:
-        new.add(MEMBER, (MEMBER,), np.arange(count, dtype="<i8"))
-        common[SWEPT] = json.dumps(rows.keys)
-    for name, column in columns.items():
-        attributes: dict[str, Any] = {"long_name": meaning_of(name)}
-        attributes |= {"encoding": "json"} if column.is_json else {}
-        attributes |= {"_FillValue": FILL[column.data.dtype.kind]} if column.has_fill else {}
-        new.add(name, (MEMBER,), column.data, **attributes)
-    # axes with values before the arrays along them
-    for name in sorted(shapes, key=lambda one: axes_of(one) != (one,)):
-        axes, shape = axes_of(name), shapes[name]
-        if not rows.is_shared(name):
-            axes, shape = (MEMBER, *axes), (count, *shape)
-        new.create(name, axes, shape, long_name=meaning_of(name))
-    for start, block in _blocks(pieces, shapes):
-        for name, values in block.items():
-            new.write(name, values, None if rows.is_shared(name) else start)
-    write_attributes(new.id, common)
-    if isinstance(rows, GroupRows):
-        with opened(rows.source, rows.path) as own:
-            copy_attributes(own[rows.path], file[path])
-    if has_scales:
-        new.attach_scales()
+    del common[SWEPT]
+    columns = {name: node for name, node in nodes.items() if not axes_of(name)}
+    arrays = {
+        name: node
+        for name, node in nodes.items()
+        if axes_of(name) and (motions or name.startswith("events/"))
+    }
+    wanted = range(len(nodes[IDENTITY])) if rows is None else sorted(rows)
+    each = sum(node.nbytes for node in arrays.values()) // len(nodes[IDENTITY])
+    most = min(BLOCK_ROWS, max(1, BLOCK_BYTES // max(each, 1)))
+    for start in range(0, len(wanted), most):
+        own = wanted[start : start + most]
+        span = slice(own[0], own[-1] + 1)
+        values = {name: _values(name, node[span]) for name, node in columns.items()}
+        blocks = {n: node[() if _is_shared(n) else span] for n, node in arrays.items()}
+        records = []
+        for place in (row - span.start for row in own):
+            found = {name: one[place] for name, one in values.items() if one[place] is not None}
+            held = {n: one if _is_shared(n) else one[place] for n, one in blocks.items()}
+            records.append(Record(path, common | found, _cut(held, found), keys))
+        yield records
 
 
-def _merged(pieces: Sequence[Piece]) -> tuple[dict[str, Any], dict[str, Column]]:
-    """Values that all runs share, and columns of the others."""
-    common: dict[str, Any] = {}
-    columns: dict[str, Column] = {}
-    for name in dict.fromkeys(n for rows, _, _ in pieces for n in (*rows.common, *rows.columns)):
-        values = [rows.common.get(name) for rows, _, _ in pieces]
-        if not any(name in rows.columns for rows, _, _ in pieces) and are_equal(values):
-            common[name] = values[0]
-        else:
-            columns[name] = joined([rows.piece(name, *span) for rows, *span in pieces])
-    return common, columns
+def _value(name: str, value: Any) -> Any:
+    """A value of a file; lists and mappings are written as JSON."""
+    known = field_named(name)
+    return json.loads(value) if known is not None and known.is_json else value
 
 
-def _blocks(
-    pieces: Sequence[Piece], shapes: Mapping[str, tuple[int, ...]]
-) -> Iterator[tuple[int, dict[str, NDArray[Any]]]]:
-    """Number of the first run, and the arrays, of blocks of limited size; then shared arrays."""
-    rows = pieces[0][0]
-    if not rows.keys:
-        yield 0, rows.arrays(0, 1)
-        return
-    own = {name: shape for name, shape in shapes.items() if not rows.is_shared(name)}
-    most = rows_in_block(rows, shapes)
-    total = sum(last - begin for _, begin, last in pieces)
-    shared: dict[str, NDArray[Any]] = {}
-    start = filled = size = 0
-    held: dict[str, NDArray[Any]] = {}
-    for rows, begin, last in pieces:
-        while begin < last:
-            if filled == size:
-                start, filled, size = start + filled, 0, min(most, total - start - filled)
-                held = {name: np.full((size, *shape), np.nan) for name, shape in own.items()}
-            count = min(last - begin, size - filled)
-            for name, values in rows.arrays(begin, begin + count).items():
-                if rows.is_shared(name):
-                    shared[name] = max(shared.get(name, values), values, key=len)
-                else:
-                    inner = tuple(slice(n) for n in values.shape[1:])
-                    held[name][(slice(filled, filled + count), *inner)] = values
-            filled, begin = filled + count, begin + count
-            if filled == size:
-                yield start, held
-    yield 0, shared
+def _values(name: str, column: NDArray[Any]) -> list[Any]:
+    """The values of a column; None where a member has none."""
+    if column.dtype.kind == "S":
+        return [_value(name, one.decode()) if one else None for one in column.tolist()]
+    return [None if one == FILL["i"] else one for one in column.tolist()]
+
+
+def _cut(arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
+    """The arrays of a member without the fill at their ends; those that it lacks are left out."""
+    lengths = {axis: values.get(name, 0) for axis, name in LENGTHS.items()}
+    counts = values.get(COUNTS, {})
+    lengths |= {f"events/{name}/{OCCURRENCE}": one for name, one in counts.items()}
+    return {
+        name: one[: lengths[axis]]
+        for name, one in arrays.items()
+        if (axis := axes_of(name)[0]) in lengths
+    }
+
+
+def _is_shared(name: str) -> bool:
+    """Whether members have an array in common, for it is a coordinate."""
+    return axes_of(name) == (name,)
+
+
+def _own_datasets(group: h5py.Group, keys: Sequence[str]) -> dict[str, h5py.Dataset]:
+    """The arrays and columns of a group that are of this program."""
+    labels = {IDENTITY, NUMBER, DESIGN, *LENGTHS.values(), *keys} if keys else ()
+    return {
+        name: node
+        for name, node in datasets(group)
+        if name in labels or ((one := field_named(name)) is not None and (one.axes or keys))
+    }

@@ -10,7 +10,9 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
-from collections.abc import Iterator, Mapping, Sequence
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,11 +25,15 @@ from fvi_cli.errors import StorageError
 from fvi_cli.storage.files import reason
 
 CREATOR: Final = "fvi-cli"
-FORMAT: Final = 5
+FORMAT: Final = 6
 """Number of the file format; a program reads files of its own number."""
 LIBVER: Final = ("v110", "v110")
 """From this format on every index of chunks has a checksum."""
 CHUNK_BYTES: Final = 2**19
+LEAST_ROWS, LEAST_BYTES = 64, 4096
+"""Datasets that grow have chunks of so many rows or more, up to so many bytes."""
+FILL: Final[Mapping[str, Any]] = {"f": math.nan, "i": -1}
+"""Values of members that lack what others have, by the kind of the numbers."""
 
 LINKS: Final = h5p.create(h5p.LINK_CREATE)
 LINKS.set_create_intermediate_group(True)
@@ -40,7 +46,6 @@ _GROUP.set_link_creation_order(h5p.CRT_ORDER_TRACKED | h5p.CRT_ORDER_INDEXED)
 SCALE_ATTRIBUTES: Final = (b"DIMENSION_LIST", b"REFERENCE_LIST", b"CLASS", b"NAME")
 """Attributes by which HDF5 attaches dimension scales."""
 
-_FLOAT: Final = np.dtype("<f8")
 _READ_ERRORS = (OSError, LookupError, ValueError, TypeError, RuntimeError)
 """What h5py raises for damaged bytes."""
 
@@ -111,59 +116,91 @@ def _name_of(source: Source) -> str:
     return "results in memory" if isinstance(source, bytes) else str(source)
 
 
-class NewGroup:
-    """A group that is being written; each dataset has its axes, and each axis numbers."""
-
-    def __init__(self, file: h5py.File, path: str) -> None:
-        self.id = h5g.create(file.id, path.encode(), LINKS, _GROUP)
-        self._sets: dict[str, h5d.DatasetID] = {}
-        self._axes: dict[str, tuple[str, ...]] = {}
-
-    def add(
-        self, name: str, axes: tuple[str, ...], values: NDArray[Any], **attributes: Any
-    ) -> None:
-        """Write an array of numbers or bytes, and attributes of it."""
-        self.create(name, axes, values.shape, values.dtype, **attributes)
-        self.write(name, values)
-
-    def create(
-        self,
-        name: str,
-        axes: tuple[str, ...],
-        shape: tuple[int, ...],
-        dtype: Any = _FLOAT,
-        **attributes: Any,
-    ) -> None:
-        """Create a dataset that is written later; and numbers for an axis that has no values."""
-        for axis, size in zip(axes, shape, strict=True):
-            if axis != name and axis not in self._sets:
-                self.add(axis, (axis,), np.arange(size, dtype="<i8"))
-        space = h5s.create_simple(shape)
-        layout = _layout(shape, dtype.itemsize, is_text=dtype.kind == "S")
-        self._sets[name] = h5d.create(self.id, name.encode(), _type(dtype), space, layout, LINKS)
-        self._axes[name] = axes
-        write_attributes(self._sets[name], attributes)
-
-    def write(self, name: str, values: NDArray[Any], start: int | None = None) -> None:
-        """Write a dataset, or from `start` on some rows of it."""
-        if not values.size:
-            return
-        values, node, kind = np.ascontiguousarray(values), self._sets[name], _type(values.dtype)
-        if start is None:
-            node.write(h5s.ALL, h5s.ALL, values, mtype=kind)
-            return
-        space = node.get_space()
-        space.select_hyperslab((start, *(0,) * (values.ndim - 1)), values.shape)
-        node.write(h5s.create_simple(values.shape), space, values, mtype=kind)
-
-    def attach_scales(self) -> None:
-        """Attach the dimension scales, by which netCDF knows the axes."""
-        attach_scales(self.id, self._axes)
+def make_group(file: h5py.File, path: str) -> h5g.GroupID:
+    """A group of a file, which is made where it is missing."""
+    if path in file:
+        return h5g.open(file.id, path.encode())
+    return h5g.create(file.id, path.encode(), LINKS, _GROUP)
 
 
-def attach_scales(group: h5g.GroupID, axes: Mapping[str, tuple[str, ...]]) -> None:
-    """Attach dimension scales to datasets, anew if they are copies: HDF5 copies no references."""
-    sets = {name: h5d.open(group, name.encode()) for name in axes}
+def put(
+    group: h5g.GroupID,
+    name: str,
+    values: NDArray[Any],
+    rows: Sequence[int] | None = None,
+    *,
+    grows: bool = False,
+    **attributes: Any,
+) -> None:
+    """Write a dataset, or some `rows` of one that grows; it is made where it is missing.
+
+    Rows that nobody has written hold nan, -1 or an empty text.
+    """
+    shape = values.shape if rows is None else (max(rows) + 1, *values.shape[1:])
+    if name.encode() in group:
+        node = _fitting(group, name, shape, values.dtype)
+    else:
+        node = _create(group, name, shape, values.dtype, grows=grows)
+        write_attributes(node, attributes)
+    if not values.size:
+        return
+    values = np.ascontiguousarray(values, dtype=node.dtype)
+    kind = _type(values.dtype)
+    if rows is None:
+        node.write(h5s.ALL, h5s.ALL, values, mtype=kind)
+        return
+    for first, last in stretches(rows):
+        own, space = values[first:last], node.get_space()
+        space.select_hyperslab((rows[first], *(0,) * (own.ndim - 1)), own.shape)
+        node.write(h5s.create_simple(own.shape), space, own, mtype=kind)
+
+
+def stretches(rows: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Begins and ends of the stretches of a list in which each row follows the one before."""
+    ends = [k for k in range(1, len(rows)) if rows[k] != rows[k - 1] + 1]
+    return zip([0, *ends], [*ends, len(rows)], strict=True)
+
+
+def _create(
+    group: h5g.GroupID, name: str, shape: tuple[int, ...], dtype: Any, *, grows: bool
+) -> h5d.DatasetID:
+    space = h5s.create_simple(shape, (h5s.UNLIMITED,) * len(shape) if grows else shape)
+    layout = _layout(shape, dtype, grows=grows)
+    return h5d.create(group, name.encode(), _type(dtype), space, layout, LINKS)
+
+
+def _fitting(group: h5g.GroupID, name: str, shape: tuple[int, ...], dtype: Any) -> h5d.DatasetID:
+    """A dataset that holds such values; one of other numbers or longer texts is made anew."""
+    node = h5d.open(group, name.encode())
+    size = tuple(map(max, node.shape, shape))
+    needed = np.result_type(node.dtype, dtype)
+    if needed != node.dtype:
+        old = h5py.Dataset(node)
+        values, attributes = old[()].astype(needed), dict(old.attrs)
+        group.unlink(name.encode())
+        node = _create(group, name, size, needed, grows=True)
+        put(group, name, values, range(len(values)))
+        for key, value in attributes.items():
+            if key.encode() not in SCALE_ATTRIBUTES:
+                h5py.Dataset(node).attrs[key] = value
+    elif size != node.shape:
+        node.set_extent(size)
+    return node
+
+
+def attach_scales(
+    group: h5g.GroupID, axes: Mapping[str, tuple[str, ...]], *, grows: bool = False
+) -> None:
+    """Attach dimension scales to datasets, by which netCDF knows their axes.
+
+    An axis that has no values gets numbers.
+    """
+    for name, own in axes.items():
+        for axis, size in zip(own, h5d.open(group, name.encode()).shape, strict=True):
+            if axis not in axes:
+                put(group, axis, np.arange(size, dtype="<i8"), grows=grows)
+    every = [*axes, *dict.fromkeys(axis for own in axes.values() for axis in own)]
+    sets = {name: h5d.open(group, name.encode()) for name in every}
     for node in sets.values():
         for attribute in SCALE_ATTRIBUTES:
             if h5a.exists(node, attribute):
@@ -177,19 +214,22 @@ def attach_scales(group: h5g.GroupID, axes: Mapping[str, tuple[str, ...]]) -> No
 
 
 @functools.lru_cache(maxsize=1024)
-def _layout(shape: tuple[int, ...], item: int, *, is_text: bool) -> h5p.PropDCID:
+def _layout(shape: tuple[int, ...], dtype: Any, *, grows: bool) -> h5p.PropDCID:
     """Chunks with a checksum; small data is one chunk."""
     found = h5p.create(h5p.DATASET_CREATE)
     found.set_attr_phase_change(65535, 0)
     found.set_obj_track_times(False)
-    if not all(shape):
+    if dtype.kind in FILL:
+        found.set_fill_value(np.array(FILL[dtype.kind], dtype=dtype))
+    if not (grows or all(shape)):
         return found
-    chunk = list(shape)
-    for axis in range(len(chunk)):
-        inner = item * int(np.prod(chunk[axis + 1 :]))
-        chunk[axis] = max(1, min(chunk[axis], CHUNK_BYTES // inner))
+    chunk = [max(1, size) for size in shape]
+    for axis in reversed(range(len(chunk))):
+        inner = dtype.itemsize * int(np.prod(chunk[axis + 1 :]))
+        least = min(LEAST_ROWS, LEAST_BYTES // inner) if grows and axis == 0 else 1
+        chunk[axis] = max(1, least, min(chunk[axis], CHUNK_BYTES // inner))
     found.set_chunk(tuple(chunk))
-    if is_text and item * shape[0] > 256:
+    if dtype.kind == "S" and dtype.itemsize * chunk[0] > 256:
         found.set_deflate(1)
     found.set_fletcher32()
     return found
@@ -207,16 +247,23 @@ def _type(dtype: Any) -> Any:
     return kind
 
 
+def as_text(value: Any) -> str:
+    """A text as it is, anything else as JSON."""
+    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
 def write_attributes(node: Any, attributes: Mapping[str, Any]) -> None:
-    """Write new attributes: text of fixed length, numbers and lists of numbers."""
+    """Write attributes: text of fixed length, and numbers."""
     for name, value in attributes.items():
-        if isinstance(value, str):
-            data = np.array(value.encode(), dtype="S")
+        if isinstance(value, str | list | tuple | Mapping):
+            data = np.array(as_text(value).encode(), dtype="S")
         else:
             data = np.asarray(value)
             data = data.astype("<i8" if data.dtype.kind in "iub" else "<f8")
         kind = _type(data.dtype)
         space = h5s.create_simple(data.shape) if data.ndim else h5s.create(h5s.SCALAR)
+        if h5a.exists(node, name.encode()):
+            h5a.delete(node, name.encode())
         h5a.create(node, name.encode(), kind, space).write(data, mtype=kind)
 
 
@@ -242,11 +289,14 @@ def read_attributes(node: Any, names: Sequence[str] = ()) -> dict[str, Any]:
     return found
 
 
-def copy_attributes(source: Any, target: Any) -> None:
-    """Copy the attributes that the target does not have, such as those of other programs."""
+def copy_attributes(source: h5py.Group, target: h5py.Group, members: Iterable[str]) -> None:
+    """Copy attributes that the target lacks, and those of some members, as of other programs."""
     for name in source.attrs:
         if name not in target.attrs and name.encode() not in SCALE_ATTRIBUTES:
             target.attrs[name] = source.attrs[name]
+    for name in members:
+        if name in target:
+            copy_attributes(source[name], target[name], ())
 
 
 def children(group: h5py.Group) -> Iterator[tuple[str, Any]]:
@@ -254,10 +304,10 @@ def children(group: h5py.Group) -> Iterator[tuple[str, Any]]:
     return ((name, group[name]) for name in group)
 
 
-def datasets(group: h5py.Group, above: str = "") -> Iterator[tuple[str, h5py.Dataset]]:
+def datasets(group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:
     """All datasets below a group with their paths."""
     for name, node in children(group):
         if isinstance(node, h5py.Group):
-            yield from datasets(node, f"{above}{name}/")
+            yield from ((f"{name}/{path}", one) for path, one in datasets(node))
         else:
-            yield f"{above}{name}", node
+            yield name, node

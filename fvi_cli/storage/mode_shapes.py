@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
 import numpy as np
+from h5py import h5g
 
 from fvi_cli.storage.files import explain_os_error, replacement
-from fvi_cli.storage.hdf5 import LIBVER, NewGroup, write_attributes
+from fvi_cli.storage.hdf5 import LIBVER, attach_scales, make_group, put, write_attributes
 from fvi_cli.studies.vibration.modes import ModeTable
 
 
@@ -26,34 +26,34 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     with explain_os_error(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         with (
-            replacement(path) as handle,
-            os.fdopen(os.dup(handle), "w+b") as stream,
-            h5py.File(stream, "w", libver=LIBVER) as file,
+            replacement(path) as temporary,
+            h5py.File(temporary, "w", libver=LIBVER) as file,
         ):
             for number, table in enumerate(tables):
                 name = f"{table.name}/{number:05d}" if table.member else table.name
-                _write(NewGroup(file, name), table)
+                _write(make_group(file, name), table)
 
 
-def _write(group: NewGroup, table: ModeTable) -> None:
+def _write(group: h5g.GroupID, table: ModeTable) -> None:
     modes = table.modes
-    group.add("mode", ("mode",), np.arange(1, len(modes) + 1))
-    names = np.array([name.encode() for name in table.coordinates], dtype="S")
-    group.add("coordinate", ("dof",), names)
+    shapes = np.array([mode.shape for mode in modes])
     columns = {
+        "mode": np.arange(1, len(modes) + 1),
+        "coordinate": np.array([name.encode() for name in table.coordinates], dtype="S"),
         "real": [mode.frequency.real for mode in modes],
         "imaginary": [mode.frequency.imag for mode in modes],
         "frequency_hz": [mode.hertz for mode in modes],
         "damping_ratio": [mode.damping_ratio for mode in modes],
         "loss_factor": [mode.loss_factor for mode in modes],
         "residual": [mode.residual for mode in modes],
+        "shape_real": shapes.real.astype(float),
+        "shape_imaginary": shapes.imag.astype(float),
     }
     for name, values in columns.items():
-        group.add(name, ("mode",), np.array(values, dtype=float))
-    shapes = np.array([mode.shape for mode in modes])
-    group.add("shape_real", ("mode", "dof"), shapes.real.astype(float))
-    group.add("shape_imaginary", ("mode", "dof"), shapes.imag.astype(float))
+        put(group, name, np.asarray(values))
     counted = -1 if table.counted is None else table.counted
     complete = "yes" if table.is_complete else "no"
-    write_attributes(group.id, {"member": table.member, "counted": counted, "complete": complete})
-    group.attach_scales()
+    write_attributes(group, {"member": table.member, "counted": counted, "complete": complete})
+    of_mode = dict.fromkeys(columns, ("mode",))
+    of_shapes = dict.fromkeys(("shape_real", "shape_imaginary"), ("mode", "dof"))
+    attach_scales(group, of_mode | of_shapes | {"coordinate": ("dof",)})

@@ -1,15 +1,15 @@
 """A finished batch is a file: a small result file in ``NAME.partial/`` that appears whole.
 
-Killed commands, shards and other machines all leave the same thing: files in that folder. A result
-file of another machine, put there, is a part like any other.
+Killed commands, shards and other machines all leave the same thing: files in that folder.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Final
 
 import h5py
@@ -17,10 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.scenes.records.inputs import inputs_in
-from fvi_cli.storage.columns import NewRows
 from fvi_cli.storage.fields import MESH, TIME, arrays_of, axes_of, values_of
-from fvi_cli.storage.groups import write_group
-from fvi_cli.storage.hdf5 import CREATOR, FORMAT, LIBVER, NewGroup, write_attributes
+from fvi_cli.storage.groups import DESIGN, IDENTITY, LENGTHS, NUMBER, GroupWriter, Record
+from fvi_cli.storage.hdf5 import (
+    CREATOR,
+    FORMAT,
+    LIBVER,
+    attach_scales,
+    children,
+    make_group,
+    put,
+    write_attributes,
+)
 from fvi_cli.storage.identity import (
     canonical_json,
     identity_of,
@@ -32,66 +40,69 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference, Tabulated
 
 REFERENCES: Final = "@references"
-SETTINGS: Final = "@settings"
 CONFIGURATION: Final = "@configuration"
 INPUTS: Final = "@inputs"
+SETTINGS: Final = "@settings"
 """Groups of the root that are no experiments."""
-
-_TEXT: Final = "text_number"
-_Row = tuple[dict[str, Any], dict[str, NDArray[Any]]]
-
-
-def part_name(identities: Iterable[str]) -> str:
-    """The name of the part of some runs or references."""
-    return sha256(" ".join(identities))[:24] + ".h5"
+VARIANT: Final = "variant"
+"""Attribute of an experiment: the digest of the settings that its runs share."""
 
 
-def part_of(runs: Sequence[Run], finished: Sequence[FinishedRun], origin: str) -> bytes:
-    """The part of finished runs, which were asked for as `runs`; `origin` is their provenance."""
-    groups: dict[tuple[str, tuple[str, ...]], list[_Row]] = {}
-    for run, one in zip(runs, finished, strict=True):
-        arrays, is_shared = _stored_arrays(one)
-        values = _labels(run) | {"provenance": origin} | values_of(one)
-        values["points"] = int(arrays[TIME].size)
-        if run.experiment.store_every > 1:
-            values["store_every"] = run.experiment.store_every
-        path = f"/{run.experiment.name}/{one.run.method.case}/n{one.run.n_steps:06d}"
-        keys = tuple(sorted(run.member.values)) if run.member else ()
-        if run.member and not is_shared:
-            path, keys = f"{path}-member{run.member.number:05d}", ()
-        groups.setdefault((path, keys), []).append((values, arrays))
-    variants = dict(variant_of(run) for run in runs)
-    return _image(groups, variants)
+def part_name(first: Run, identities: Iterable[str]) -> str:
+    """The name of the part of some runs or references.
+
+    Sorted by their names, parts have the members of a sweep in their order.
+    """
+    number = first.member.number if first.member else 0
+    return f"n{first.n_steps:06d}-{number:06d}-{sha256(' '.join(identities))[:24]}.h5"
+
+
+def part_of(runs: Sequence[Run], finished: Sequence[FinishedRun]) -> bytes:
+    """The part of finished runs, which were asked for as `runs`."""
+    records = [_record(run, one) for run, one in zip(runs, finished, strict=True)]
+    with _new_image() as file:
+        # dimension scales are added when the part is folded
+        GroupWriter(file).write(records)
+        for run in {run.experiment: run for run in runs}.values():
+            write_settings(file, f"/{run.experiment.name}", *variant_of(run))
+        return _content(file)
 
 
 def references_part_of(runs: Sequence[Run], references: Sequence[Reference | None]) -> bytes:
     """The part of the references of some runs; None where the exact solution is one."""
-    groups: dict[tuple[str, tuple[str, ...]], list[_Row]] = {}
+    records = []
     for run, one in zip(runs, references, strict=True):
         arrays: dict[str, NDArray[Any]] = {}
-        values: dict[str, Any] = {"identity": reference_identity_of(run), "points": 0}
+        values = {IDENTITY: reference_identity_of(run), LENGTHS[TIME]: 0}
         place = "exact"
         if one is not None:
             if not isinstance(one.values, Tabulated):
                 raise TypeError(f"{run.title}: the reference is a function, which is not stored")
-            arrays = {"time": one.values.time, "position": one.values.position}
+            arrays = {TIME: one.values.time, "position": one.values.position}
             values |= {"reference_error": one.error, "reference": one.source}
-            values["points"] = int(one.values.time.size)
-            place = hashlib.sha256(one.values.time.tobytes()).hexdigest()[:12]
-        values["number"] = -1 if run.member is None else run.member.number
-        # references of members share a group; so do those of a single scene
+            values |= {LENGTHS[TIME]: int(one.values.time.size)}
+            place = hashlib.sha256(arrays[TIME].tobytes()).hexdigest()[:12]
+        # references at the same times share a group
         path = f"/{REFERENCES}/{run.experiment.name}/{place}"
-        groups.setdefault((path, ("number",)), []).append((values, arrays))
-    return _image(groups, {})
+        records.append(Record(path, values, arrays, (IDENTITY,)))
+    with _new_image() as file:
+        GroupWriter(file).write(records)
+        return _content(file)
 
 
 def configuration_part_of(
     text: str, resolved: Mapping[str, Any], overrides: Sequence[str]
-) -> tuple[str, bytes]:
-    """Digest and part of a configuration, with the numbers of its files."""
-    digest = configuration_digest(text, resolved, overrides)
-    texts = {"text": text, "resolved": json.dumps(resolved), "overrides": json.dumps(overrides)}
-    return digest, _image({}, {}, {**texts, "digest": digest}, dict(inputs_in(resolved)))
+) -> bytes:
+    """The part of a configuration, with the numbers of its files."""
+    texts = {
+        "text": text,
+        "resolved": json.dumps(resolved),
+        "overrides": json.dumps(overrides),
+        "digest": configuration_digest(text, resolved, overrides),
+    }
+    with _new_image() as file:
+        _write_configuration(file, texts, inputs_in(resolved))
+        return _content(file)
 
 
 def configuration_digest(text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> str:
@@ -99,62 +110,94 @@ def configuration_digest(text: str, resolved: Mapping[str, Any], overrides: Sequ
     return sha256(canonical_json([text, resolved, list(overrides)]))
 
 
+def configuration_in(file: h5py.File) -> dict[str, str]:
+    """The texts of the configuration that made a file."""
+    group = file[CONFIGURATION]
+    return {name: _text_in(group, name) for name in ("text", "resolved", "overrides", "digest")}
+
+
+def inputs_of(file: h5py.File) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Digests and numbers of the input files."""
+    for digest, group in children(file[INPUTS]) if INPUTS in file else ():
+        yield digest, group["numbers"][()]
+
+
+def copy_configuration(source: h5py.File, target: h5py.File) -> None:
+    """Copy the configuration, in place of another one, and the numbers of its files."""
+    if CONFIGURATION in target:
+        del target[CONFIGURATION]
+    _write_configuration(target, configuration_in(source), inputs_of(source))
+
+
+def _write_configuration(
+    file: h5py.File, texts: Mapping[str, str], inputs: Iterable[tuple[str, NDArray[Any]]]
+) -> None:
+    _write_texts(file, f"/{CONFIGURATION}", texts)
+    for digest, numbers in inputs:
+        if (path := f"/{INPUTS}/{digest}") not in file:
+            group = make_group(file, path)
+            put(group, "numbers", numbers)
+            attach_scales(group, {"numbers": ("row", "column", "layer")[: numbers.ndim]})
+
+
 def write_root(file: h5py.File, origin: Mapping[str, str]) -> None:
     """Write the attributes of the root by which a result file is known."""
     write_attributes(file.id, {"creator": CREATOR, "format": FORMAT, **origin})
 
 
-def write_texts(file: h5py.File, path: str, texts: Mapping[str, str]) -> None:
-    """Write texts of any length as a group."""
-    new = NewGroup(file, path)
+def write_settings(file: h5py.File, path: str, variant: str, text: str) -> None:
+    """Write what the runs of the experiment in a group share."""
+    write_attributes(file[path].id, {VARIANT: variant})
+    if (own := f"/{SETTINGS}/{variant}") not in file:
+        _write_texts(file, own, {"settings": text})
+
+
+def settings_in(file: h5py.File, variant: str) -> str:
+    """What the runs of an experiment share, as JSON text."""
+    return _text_in(file[SETTINGS][variant], "settings")
+
+
+def _write_texts(file: h5py.File, path: str, texts: Mapping[str, str]) -> None:
+    """Write texts of any length into a group."""
+    group = make_group(file, path)
     for name, text in texts.items():
-        new.add(name, (_TEXT,), np.array([text.encode()], dtype="S"))
-    new.attach_scales()
+        put(group, name, np.array([text.encode()], dtype="S"))
+    attach_scales(group, dict.fromkeys(texts, ("text_number",)))
 
 
-def texts_in(group: h5py.Group) -> dict[str, str]:
-    """The texts of a group, read back."""
-    names = [name for name in group if name != _TEXT]
-    return {name: bytes(group[name][0]).decode() for name in names}
+def _text_in(group: h5py.Group, name: str) -> str:
+    """A text of a group, read back."""
+    return bytes(group[name][0]).decode()
 
 
-def write_input(file: h5py.File, digest: str, numbers: NDArray[Any]) -> None:
-    """Write the numbers of an input file."""
-    new = NewGroup(file, f"/{INPUTS}/{digest}")
-    axes = ("row", "column", "layer")[: numbers.ndim]
-    new.add("numbers", axes, numbers)
-    new.attach_scales()
-
-
-def _image(
-    groups: Mapping[tuple[str, tuple[str, ...]], Sequence[_Row]],
-    variants: Mapping[str, str],
-    configuration: Mapping[str, str] | None = None,
-    inputs: Mapping[str, NDArray[Any]] | None = None,
-) -> bytes:
-    """The content of a part; dimension scales are added when it is folded."""
+@contextlib.contextmanager
+def _new_image() -> Iterator[h5py.File]:
+    """A part in memory."""
     with h5py.File("part", "w", driver="core", backing_store=False, libver=LIBVER) as file:
         write_root(file, {})
-        for (path, keys), own in groups.items():
-            rows = NewRows([values for values, _ in own], [arrays for _, arrays in own], keys)
-            write_group(file, path, [(rows, 0, rows.count)], has_scales=False)
-        for variant, text in variants.items():
-            write_texts(file, f"/{SETTINGS}/{variant}", {"settings": text})
-        if configuration is not None:
-            write_texts(file, f"/{CONFIGURATION}", configuration)
-        for digest, numbers in (inputs or {}).items():
-            write_input(file, digest, numbers)
-        file.flush()
-        return bytes(file.id.get_file_image())
+        yield file
 
 
-def _labels(run: Run) -> dict[str, Any]:
-    """What is stored of a run besides its result."""
-    labels: dict[str, Any] = {"identity": identity_of(run), "variant": variant_of(run)[0]}
-    if run.member is not None:
-        labels |= {"number": run.member.number, "design": run.member.name}
-        labels |= {key: _plain(value) for key, value in run.member.values.items()}
-    return labels
+def _content(file: h5py.File) -> bytes:
+    file.flush()
+    return bytes(file.id.get_file_image())
+
+
+def _record(run: Run, finished: FinishedRun) -> Record:
+    """What is stored of a run, which was asked for as `run`."""
+    arrays, is_shared = _stored_arrays(finished)
+    values = {IDENTITY: identity_of(run), **values_of(finished)}
+    path = f"/{run.experiment.name}/{finished.run.method.case}/n{finished.run.n_steps:06d}"
+    if run.experiment.store_every > 1:
+        values["store_every"] = run.experiment.store_every
+    if run.member is None:
+        return Record(path, values, arrays)
+    values |= {NUMBER: run.member.number, DESIGN: run.member.name}
+    values |= {key: _plain(value) for key, value in run.member.values.items()}
+    if not is_shared:
+        return Record(f"{path}-{values[IDENTITY][:12]}", values, arrays)
+    values |= {name: arrays[axis].size for axis, name in LENGTHS.items() if axis in arrays}
+    return Record(path, values, arrays, tuple(sorted(run.member.values)))
 
 
 def _plain(value: Any) -> Any:
@@ -173,31 +216,32 @@ def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool
                 arrays[name] = one[_kept_points(len(one), every)]
     if run.member is None:
         return arrays, False
-    grid = _grid(run.experiment, run.method, run.n_steps)
-    own = arrays[TIME]
-    common = min(own.size, 0 if grid is None else grid.size)
-    if grid is None or not common:
-        return arrays, False
-    # members have the times of their sweep bit by bit
-    spacing = float(np.diff(grid).min(initial=grid[-1]))
-    off = np.flatnonzero(np.abs(own[:common] - grid[:common]) > 1e-6 * spacing)
-    # an event may have ended the run between the points of the grid
-    if off.size and off[0] < common - 1:
-        return arrays, False
-    points = int(off[0]) if off.size else common
-    arrays = {n: one[:points] if axes_of(n)[0] == TIME else one for n, one in arrays.items()}
-    return arrays | {TIME: grid[:points]}, True
+    grids = _grids(run.experiment, run.method, run.n_steps)
+    for axis in [axis for axis in LENGTHS if axis in arrays]:
+        own, grid = arrays[axis], grids[axis]
+        common = min(own.size, grid.size)
+        if not common:
+            return arrays, False
+        # members have the times of their sweep bit by bit
+        spacing = float(np.diff(grid).min(initial=grid[-1]))
+        off = np.flatnonzero(np.abs(own[:common] - grid[:common]) > 1e-6 * spacing)
+        # an event may have ended the run between the points of the grid
+        if off.size and off[0] < common - 1:
+            return arrays, False
+        points = int(off[0]) if off.size else common
+        arrays |= {n: one[:points] for n, one in arrays.items() if axes_of(n)[0] == axis}
+        arrays[axis] = grid[:points]
+    return arrays, True
 
 
 @functools.lru_cache(maxsize=64)
-def _grid(experiment: Experiment, method: Any, n_steps: int) -> NDArray[Any] | None:
-    """The times that members of a sweep report; None: each chooses its own."""
-    if experiment.observations.times is not None:
-        return np.asarray(experiment.observations.times, dtype=float)
-    if experiment.accuracy is not None:
-        return None
-    times = Run(experiment=experiment, method=method, n_steps=n_steps).times
-    return times[_kept_points(times.size, experiment.store_every)]
+def _grids(experiment: Experiment, method: Any, n_steps: int) -> dict[str, NDArray[Any]]:
+    """Times that members of a sweep report, and points of their meshes; empty: each has its own."""
+    mesh, times = np.zeros(0), experiment.observations.times
+    if experiment.accuracy is None:
+        mesh = Run(experiment=experiment, method=method, n_steps=n_steps).times
+        mesh = mesh[_kept_points(mesh.size, experiment.store_every)]
+    return {TIME: mesh if times is None else np.asarray(times, dtype=float), MESH: mesh}
 
 
 def _kept_points(points: int, every: int) -> NDArray[np.intp]:

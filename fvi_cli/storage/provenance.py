@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import os
 import platform
 import shutil
@@ -75,9 +74,3 @@ def origin() -> dict[str, str]:
         "versions": ", ".join(f"{name} {one}" for name, one in versions.items()),
         "platform": platform_name(),
     }
-
-
-@functools.cache
-def origin_text() -> str:
-    """The same as JSON text."""
-    return json.dumps(origin())

@@ -5,34 +5,27 @@ from __future__ import annotations
 import contextlib
 import json
 import logging
-from collections import defaultdict
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
-import h5py
-
 from fvi_cli.errors import StorageError
 from fvi_cli.scenes.records.inputs import keep_numbers
-from fvi_cli.storage.columns import arrays_of_row
-from fvi_cli.storage.fields import finished_of
+from fvi_cli.storage.fields import TIME, finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
-from fvi_cli.storage.fold import INDEX, Fold, run_groups
-from fvi_cli.storage.groups import GroupRows, rows_in_block
-from fvi_cli.storage.hdf5 import (
-    OTHER_VERSION,
-    DamagedFileError,
-    Source,
-    children,
-    opened,
-)
-from fvi_cli.storage.identity import identity_of, reference_identity_of
+from fvi_cli.storage.fold import KEPT, fold_files
+from fvi_cli.storage.groups import Record, identities_in, read_records, run_groups
+from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, Source, opened
+from fvi_cli.storage.identity import identity_of, reference_identity_of, variant_of
 from fvi_cli.storage.parts import (
     CONFIGURATION,
-    INPUTS,
+    configuration_digest,
+    configuration_in,
     configuration_part_of,
-    texts_in,
+    inputs_of,
 )
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import Reference, Tabulated
@@ -88,6 +81,23 @@ class Store:
                     raise StorageError(OTHER_VERSION.format(path=other, version="0.3"))
         self.look()
 
+    @classmethod
+    def existing(cls, path: Path) -> Store:
+        """The store of a file that a command reads; its parts are folded where that is possible.
+
+        Raises
+        ------
+        StorageError
+            If there is no configuration.
+        """
+        store = cls(path)
+        store.configuration()
+        try:
+            store.fold()
+        except StorageError as error:
+            _logger.warning("%s; its parts are read as they are", error)
+        return store
+
     def __len__(self) -> int:
         return len(self._places)
 
@@ -117,7 +127,7 @@ class Store:
         if self.path is not None and self.path.exists():
             changed = self.path.stat().st_mtime_ns
             if self._known.get(self.path) != changed:
-                self._places |= _indexed(self.path)
+                self._places |= _surveyed(self.path)
                 self._known[self.path] = changed
         sources: list[Source] = [*self.parts(), *self._memory.values()]
         for source in sources:
@@ -158,35 +168,55 @@ class Store:
 
         Without `motions` members of a sweep have no points.
         """
-        found: dict[Run, FinishedRun] = {}
-        wanted = {
-            run: self._places[one] for run in runs if (one := identity_of(run)) in self._places
-        }
-        for run, rows, row, values, arrays in _read(wanted, motions=motions):
-            own = _chosen(run, values)
-            found[run] = finished_of(own, values, arrays_of_row(rows, arrays, row, values))
+        names = {run: identity_of(run) for run in runs}
+        found = {}
+        for run, one in self._records(names, motions=motions):
+            found[run] = finished_of(_chosen(run, one.values), one.values, one.arrays)
         return found
 
     def references(self, runs: Sequence[Run]) -> dict[Run, Reference | None]:
         """The stored references of some runs; None where the exact solution is one."""
-        found: dict[Run, Reference | None] = {}
         names = {run: reference_identity_of(run) for run in runs}
-        wanted = {run: self._places[one] for run, one in names.items() if one in self._places}
-        for run, rows, row, values, block in _read(wanted, motions=True):
-            arrays = arrays_of_row(rows, block, row, values)
+        found: dict[Run, Reference | None] = {}
+        for run, one in self._records(names):
             found[run] = None
-            if "time" in arrays:
-                table = Tabulated(time=arrays["time"], position=arrays["position"])
-                error, source = float(values["reference_error"]), str(values["reference"])
+            if TIME in one.arrays:
+                table = Tabulated(time=one.arrays[TIME], position=one.arrays["position"])
+                error, source = float(one.values["reference_error"]), one.values["reference"]
                 found[run] = Reference(values=table, error=error, source=source)
         return found
 
+    def _records(
+        self, names: Mapping[Run, str], *, motions: bool = True
+    ) -> Iterator[tuple[Run, Record]]:
+        """The stored runs or references with some identities."""
+        groups: dict[tuple[Source, str], dict[int, list[Run]]] = {}
+        for run, name in names.items():
+            if place := self._places.get(name):
+                rows = groups.setdefault((place.source, place.group), {})
+                rows.setdefault(place.row, []).append(run)
+        for (source, path), rows in groups.items():
+            with opened(source, path) as file:
+                order = sorted(rows)
+                records = chain.from_iterable(read_records(file[path], order, motions=motions))
+                for row, one in zip(order, records, strict=True):
+                    yield from ((run, one) for run in rows[row])
+
     def describe(self, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> None:
         """Store the configuration of a command, unless the file has it already."""
-        digest, content = configuration_part_of(text, resolved, overrides)
-        if self.path is None or not self.keeps or _digest_of(self.path) == digest:
+        digest = configuration_digest(text, resolved, overrides)
+        if self.path is None or not self.keeps or self._stored_digest() == digest:
             return
-        self.add(f"{digest[:24]}{SUFFIX}", content)
+        part = configuration_part_of(text, resolved, overrides)
+        # parts are folded in the order of their names, the latest last
+        self.add(f"configuration-{time.time_ns()}{SUFFIX}", part)
+
+    def _stored_digest(self) -> str:
+        """The digest of the configuration of the file."""
+        if self.path is None or not self.path.exists():
+            return ""
+        with opened(self.path, CONFIGURATION) as file:
+            return configuration_in(file)["digest"] if CONFIGURATION in file else ""
 
     def configuration(self) -> StoredConfiguration:
         """The latest configuration; the numbers of its files are then known to the process.
@@ -203,9 +233,9 @@ class Store:
             with opened(source, CONFIGURATION) as file:
                 if CONFIGURATION not in file:
                     continue
-                texts = texts_in(file[CONFIGURATION])
-                for _, group in children(file[INPUTS]) if INPUTS in file else ():
-                    keep_numbers(group["numbers"][()])
+                texts = configuration_in(file)
+                for _, numbers in inputs_of(file):
+                    keep_numbers(numbers)
             return StoredConfiguration(
                 text=texts["text"],
                 overrides=tuple(json.loads(texts["overrides"])),
@@ -215,11 +245,12 @@ class Store:
         raise StorageError(f"{self.path}: holds no configuration")
 
     def fold(self, requested: Sequence[Run] = (), *, prunes: bool = False) -> None:
-        """Make one file of the file and its parts, which are then removed.
+        """Append the parts to the file, and remove them.
 
-        Runs that are not `requested` move to ``/@kept/``, or are dropped if it `prunes`. One
-        command folds at a time; a part that appears meanwhile waits for the next. A damaged part is
-        set aside. Where the file system has no locks, parts stay.
+        Experiments with other settings than those of the `requested` runs move to ``/@kept/``; if
+        it `prunes`, runs that are not requested are dropped. One command folds at a time; a part
+        that appears meanwhile waits for the next. A damaged part is set aside. Where the file
+        system has no locks, parts stay.
         """
         if (
             self.path is None
@@ -235,31 +266,32 @@ class Store:
                 _logger.warning("%s: no locks on this file system; parts stay there", self.folder)
                 return
             # of a fold that was killed
-            for path in self.path.parent.glob(f".{self.path.name}.*{UNFINISHED}"):
-                path.unlink(missing_ok=True)
+            for one in self.path.parent.glob(f".{self.path.name}.*{UNFINISHED}"):
+                one.unlink(missing_ok=True)
+            self.look()
             parts = self.parts()
-            while True:
-                sources = [*([self.path] if self.path.exists() else []), *parts]
-                try:
-                    kept = Fold(sources, requested, prunes=prunes).write(self.path)
-                    break
-                except DamagedFileError as error:
-                    if error.path not in parts:
-                        raise
-                    _logger.warning("%s", error)
-                    error.path.replace(error.path.with_suffix(".damaged"))
-                    parts.remove(error.path)
-            for path in parts:
-                path.unlink(missing_ok=True)
+            needed = {f(run) for run in requested for f in (identity_of, reference_identity_of)}
+
+            def is_kept(identity: str, source: Path) -> bool:
+                place = self._places.get(identity)
+                is_latest = place is not None and place.source == source
+                return is_latest and (not prunes or identity in needed)
+
+            variants = {run.experiment.name: variant_of(run)[0] for run in requested}
+            damaged = fold_files(self.path, parts, is_kept, variants, prunes=prunes)
+            for one in damaged:
+                one.replace(one.with_suffix(".damaged"))
+            for one in parts:
+                one.unlink(missing_ok=True)
             self._remove_unfinished()
-        if kept:
+        self._places.clear()
+        self._known.clear()
+        self.look()
+        if kept := sum(one.group.startswith(f"/{KEPT}/") for one in self._places.values()):
             _logger.info(
                 "%s: also holds %d runs with other settings; `fvi show` lists them, "
                 "`fvi run --prune` drops them", self.path, kept,
             )  # fmt: skip
-        self._places.clear()
-        self._known.clear()
-        self.look()
 
     def _remove_unfinished(self) -> None:
         """Remove the folder of parts, and files that a killed command left there."""
@@ -298,61 +330,11 @@ def _chosen(run: Run, values: Mapping[str, Any]) -> Run:
     return run
 
 
-def _read(
-    places: Mapping[Run, Place], *, motions: bool
-) -> Iterator[tuple[Run, GroupRows, int, dict[str, Any], dict[str, Any]]]:
-    """Every run with its group, its row in a block, its values, and the arrays of the block."""
-    wanted: dict[tuple[Source, str], list[tuple[int, Run]]] = defaultdict(list)
-    for run, place in places.items():
-        wanted[place.source, place.group].append((place.row, run))
-    for (source, path), own in wanted.items():
-        with opened(source, path) as file:
-            rows = GroupRows(file[path], source)
-            values, most = list(rows.values()), rows_in_block(rows, rows.shapes)
-            blocks: dict[int, list[tuple[int, Run]]] = defaultdict(list)
-            for row, run in own:
-                blocks[row // most].append((row, run))
-            for number, members in blocks.items():
-                first = number * most
-                last = min(first + most, rows.count)
-                arrays = rows.arrays_in(file, first, last, motions=motions or not rows.keys)
-                for row, run in members:
-                    yield run, rows, row - first, values[row], arrays
-
-
-def _indexed(path: Path) -> dict[str, Place]:
-    """The runs of a result file by its index."""
-    with opened(path, INDEX) as file:
-        if INDEX not in file:
-            return _surveyed(path)
-        held = file[INDEX]
-        names = [one.decode() for one in held["groups"][()].tolist()]
-        columns = (held[name][()].tolist() for name in ("identity", "group", "row"))
-        rows = zip(*columns, strict=True)
-        return {one.decode(): Place(path, names[group], row) for one, group, row in rows}
-
-
 def _surveyed(source: Source) -> dict[str, Place]:
-    """The runs of a part by its groups."""
+    """The runs and references of a file."""
     with opened(source) as file:
         return {
             identity: Place(source, str(group.name), row)
             for group in run_groups(file)
-            for row, identity in enumerate(_identities(group))
+            for row, identity in enumerate(identities_in(group))
         }
-
-
-def _identities(group: h5py.Group) -> list[str]:
-    """The identities of a group, without its other values."""
-    if "identity" in group:
-        return [one.decode() for one in group["identity"][()].tolist()]
-    value = group.attrs["identity"]
-    return [value.decode() if isinstance(value, bytes) else str(value)]
-
-
-def _digest_of(path: Path) -> str:
-    """The digest of the configuration of a file."""
-    if not path.exists():
-        return ""
-    with opened(path, CONFIGURATION) as file:
-        return texts_in(file[CONFIGURATION])["digest"] if CONFIGURATION in file else ""

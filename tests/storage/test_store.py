@@ -1,5 +1,6 @@
 """Result files and their parts: what is stored is found, kept, folded, and refused."""
 
+import itertools
 import random
 import shutil
 
@@ -13,9 +14,7 @@ import fvi_cli as api
 from fvi_cli.config import parse_config
 from fvi_cli.errors import StorageError
 from fvi_cli.storage import Store, list_runs
-from fvi_cli.storage.columns import arrays_of_row
-from fvi_cli.storage.fold import run_groups
-from fvi_cli.storage.groups import GroupRows
+from fvi_cli.storage.groups import read_records, run_groups
 from fvi_cli.storage.hdf5 import DamagedFileError, opened
 from fvi_cli.studies.experiment import FinishedRun
 
@@ -155,22 +154,20 @@ def test_a_damaged_part_is_set_aside_and_its_runs_are_computed(tmp_path, caplog,
     )
     for one, other in zip(finished, run(tmp_path, SWEPT), strict=True):
         assert np.array_equal(one.trajectory.position, other.trajectory.position)
-    assert computed(caplog) == 6
+    # of a readable part one group is lost
+    assert computed(caplog) == (3 if damage == "flipped" else 6)
     assert [one.suffix for one in store.folder.iterdir()] == [".damaged"]
     assert any("HDF5" in one for one in caplog.messages)
 
 
 def contents(path) -> list[object]:
     """All that this program reads of a file."""
-    store = Store(path)
-    found: list[object] = [store.configuration()]
+    found: list[object] = [Store(path).configuration()]
     with opened(path) as file:
-        groups = [GroupRows(group, path) for group in run_groups(file)]
-    for rows in groups:
-        block = rows.arrays(0, rows.count)
-        for row, values in enumerate(rows.values()):
-            arrays = arrays_of_row(rows, block, row, values)
-            found.append((rows.path, repr(values), {k: v.tobytes() for k, v in arrays.items()}))
+        for group in run_groups(file):
+            for one in itertools.chain.from_iterable(read_records(group)):
+                arrays = {name: values.tobytes() for name, values in one.arrays.items()}
+                found.append((one.path, repr(one.values), arrays))
     return found
 
 

@@ -61,7 +61,7 @@ def test_the_group_is_that_of_the_contract(tmp_path):
         assert list(group["identity"].asstr()) == [
             identity_of(run) for run in outcome.experiment.runs()[6:]
         ]
-        for name in ("method", "n_steps", "step_size", "norm"):
+        for name in ("method", "n_steps", "step_size"):
             assert name in group.attrs
         for dataset in group.values():
             assert dataset.fletcher32 or not dataset.size
