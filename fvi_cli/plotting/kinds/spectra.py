@@ -18,8 +18,7 @@ from fvi_cli.plotting.words import load_in_words, typeset_sum
 from fvi_cli.reports.kinds.vibration import magnitude_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.vibration.modes import ModeTable
-from fvi_cli.studies.vibration.peaks import Peak
-from fvi_cli.studies.vibration.response import ResponseTable
+from fvi_cli.studies.vibration.response import Peak, ResponseTable
 
 Table = TypeVar("Table", ModeTable, ResponseTable)
 
