@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import itertools
 import math
 from collections.abc import Callable, Sequence
@@ -47,14 +46,6 @@ class ForcingPiece:
         for index, component in enumerate(self.components):
             places.setdefault(id(component), []).append(index)
         return tuple((self.components[found[0]], found) for found in places.values())
-
-    @cached_property
-    def is_zero(self) -> bool:
-        """Whether every component is the constant zero."""
-        return all(
-            isinstance(one, Expression) and one.is_constant and not one.evaluate({})
-            for one, _ in self.distinct
-        )
 
     def evaluate(self, time: Array) -> Array:
         """The force at `time`, shape ``(...)`` to ``(..., d)``; `until` is not checked here."""
@@ -203,21 +194,18 @@ class Forcing:
 
         Samples must reach to the end of their piece.
         """
-        begin, slack = 0.0, 1e-9 * final_time
-        for piece in self.pieces:
+        slack = 1e-9 * final_time
+        for begin, piece in zip((0.0, *self.break_points), self.pieces, strict=True):
             end = min(piece.until, final_time)
-            if not begin < end:
-                break
-            for component, _ in piece.distinct:
-                if isinstance(component, SampledForce):
-                    first, last = float(component.knots[0]), float(component.knots[-1])
-                    if first > begin + slack or last < end - slack:
-                        return (
-                            f"{component.source} has samples from {first:g} to {last:g}, but acts "
-                            f"from {begin:g} to {end:g}; give more of them, or beyond='zero' for "
-                            "no force behind the last"
-                        )
-            begin = end
+            samples = [one for one, _ in piece.distinct if isinstance(one, SampledForce)]
+            for one in samples if begin < end else ():
+                first, last = float(one.knots[0]), float(one.knots[-1])
+                if first > begin + slack or last < end - slack:
+                    return (
+                        f"{one.source} has samples from {first:g} to {last:g}, but acts from "
+                        f"{begin:g} to {end:g}; give more of them, or beyond='zero' for no force "
+                        "behind the last"
+                    )
         return ""
 
     def remarks(self, final_time: float, step_size: float) -> tuple[str, ...]:
@@ -240,11 +228,6 @@ class Forcing:
                     f"after t = {knots[widest]:g}"
                 )
         return tuple(found.values())
-
-    def is_zero_on(self, begin: float, end: float) -> bool:
-        """Whether it is zero on all pieces from that at `begin` to that at `end`."""
-        first, last = (bisect.bisect_left(self.break_points, time) for time in (begin, end))
-        return all(one.is_zero for one in self.pieces[first : last + 1])
 
     def is_constant(self, value: Array) -> bool:
         """Whether it is the same vector ``(d,)`` at all times."""

@@ -82,10 +82,7 @@ class StepLoads:
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
     ) -> Array | None:
         """The part of the scene's forcing; None where there is none."""
-        half = 0.5 * step_size
-        if self._forcing is None or self._forcing.is_zero_on(
-            begin + half, begin + n_steps * step_size - half
-        ):
+        if self._forcing is None:
             return None
         start = begin + step_size * np.arange(n_steps, dtype=float)
         if self._rule == "exact":

@@ -173,14 +173,7 @@ def sorted_effects(every: Sequence[Effect]) -> SortedEffects:
 @scene_function
 def pendulum(*, omega: float = 1.0, **data: Unpack[SceneData]) -> Scene:
     r"""Scene of :math:`x'' + \sum_j \mu_j D^{\gamma_j} x + \omega^2 \sin x = f(t)`."""
-    names = ("x", "omega")
-    potential = ExpressionPotential(
-        coordinates=("x",),
-        parameters={"omega": float(omega)},
-        energy_expression=Expression.parse("omega**2*(1 - cos(x))", variables=names),
-        gradient_expressions=(Expression.parse("omega**2*sin(x)", variables=names),),
-        hessian_expressions=((Expression.parse("omega**2*cos(x)", variables=names),),),
-    )
+    potential = _potential(("x",), "omega**2*(1 - cos(x))", omega=omega)
     return make_scene([[1.0]], potential, **data)
 
 
@@ -196,16 +189,10 @@ def duffing(
 
     With k < 0 < :math:`k_3` the potential has two wells, with :math:`k_3 = 0` the scene is linear.
     """
-    names = ("x", "k", "c")
-    potential: Potential = ExpressionPotential(
-        coordinates=("x",),
-        parameters={"k": float(stiffness), "c": float(cubic_stiffness)},
-        energy_expression=Expression.parse("x*x*(k/2 + c/4*x*x)", variables=names),
-        gradient_expressions=(Expression.parse("x*(k + c*x*x)", variables=names),),
-        hessian_expressions=((Expression.parse("k + 3*c*x*x", variables=names),),),
-    )
-    if cubic_stiffness == 0:
-        potential = QuadraticPotential(stiffness=np.array([[float(stiffness)]]))
+    potential: Potential = QuadraticPotential(stiffness=stiffness)
+    if cubic_stiffness != 0:
+        energy = "k*x**2/2 + c*x**4/4"
+        potential = _potential(("x",), energy, k=stiffness, c=cubic_stiffness)
     return make_scene([[float(mass)]], potential, **data)
 
 
@@ -221,20 +208,14 @@ def kepler(
     """
     if not np.any(np.asarray(data.get("initial_position", 0.0))):
         raise ArgumentError("initial_position", "the force is infinite in the centre, x = y = 0")
-    names = ("x", "y", "k")
-
-    def parse(text: str) -> Expression:
-        return Expression.parse(text.replace("R", "(x*x + y*y)"), variables=names)
-
-    mixed = parse("-3*k*x*y*R**-2.5")
-    potential = ExpressionPotential(
-        coordinates=("x", "y"),
-        parameters={"k": float(attraction)},
-        energy_expression=parse("-k*R**-0.5"),
-        gradient_expressions=(parse("k*x*R**-1.5"), parse("k*y*R**-1.5")),
-        hessian_expressions=(
-            (parse("k*(y*y - 2*x*x)*R**-2.5"), mixed),
-            (mixed, parse("k*(x*x - 2*y*y)*R**-2.5")),
-        ),
-    )
+    potential = _potential(("x", "y"), "-k*(x*x + y*y)**-0.5", k=attraction)
     return make_scene(np.eye(2), potential, **data)
+
+
+def _potential(names: tuple[str, ...], energy: str, **parameters: float) -> ExpressionPotential:
+    """The potential energy of a formula in the coordinates and parameters."""
+    return ExpressionPotential(
+        coordinates=names,
+        parameters={name: float(value) for name, value in parameters.items()},
+        energy_expression=Expression.parse(energy, variables=(*names, *parameters)),
+    )

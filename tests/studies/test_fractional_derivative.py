@@ -48,14 +48,9 @@ def test_exact_values_are_those_of_closed_forms(order):
 
 
 @pytest.mark.parametrize(
-    ("function", "order", "words"),
-    [
-        ("sqrt(t)", 0.8, "not bounded at 0"),
-        ("abs(t - 0.7)", 0.5, "do not resolve"),
-        ("sin(1000*t)", 0.5, "do not resolve"),
-    ],
+    ("function", "order"), [("sqrt(t)", 0.8), ("abs(t - 0.7)", 0.5), ("sin(1000*t)", 0.5)]
 )
-def test_what_has_no_exact_values_is_refused(function, order, words):
+def test_what_has_no_exact_values_is_refused(function, order):
     problem = {"kind": "fractional-derivative", "order": order, "function": function}
-    with pytest.raises(ValueError, match=words):
+    with pytest.raises(ValueError, match="do not resolve"):
         build_problem({**problem, "final_time": 2.0})

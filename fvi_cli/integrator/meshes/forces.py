@@ -65,12 +65,11 @@ class StepForces:
             self._resolve = resolve
 
     def piece(self, path: StepPath) -> ForcingPiece | None:
-        """The piece of the forcing that acts in a step; None where it is zero."""
+        """The piece of the forcing that acts in a step; None where there is no forcing."""
         forcing = self._scene.forcing
         if forcing is None:
             return None
-        found = forcing.pieces[bisect.bisect_left(forcing.break_points, path.middle)]
-        return None if found.is_zero else found
+        return forcing.pieces[bisect.bisect_left(forcing.break_points, path.middle)]
 
     def act(self, path: StepPath) -> bool:
         """Whether there are any in a step."""

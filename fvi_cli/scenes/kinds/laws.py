@@ -60,9 +60,10 @@ class Damper(Keys):
     name: Name | None = key(_NAME, None)
 
     @property
-    @abstractmethod
     def factor(self) -> Any:
         """The factor of the term: a number, matrix or file."""
+        given = (vars(self).get(name) for name in ("coefficient", "matrix"))
+        return next((one for one in given if one is not None), 1.0)
 
     @abstractmethod
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
@@ -77,11 +78,6 @@ class Springpot(Damper):
     coefficient: NumberOrMatrix = key(
         "Factor mu, a number, a symmetric matrix or {file: C.mtx}.", unit=_FACTOR
     )
-
-    @property
-    def factor(self) -> Any:
-        """The factor of the term."""
-        return self.coefficient
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The term."""
@@ -99,11 +95,6 @@ class KelvinVoigt(Damper):
         "Factor mu of the springpot parallel to it, a number or a symmetric matrix.", unit=_FACTOR
     )
     order: Order = key("Order gamma of the springpot; 1 is a dashpot.", 1.0)
-
-    @property
-    def factor(self) -> Any:
-        """The factor of the term."""
-        return self.coefficient
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The springpot, and the spring as a law without memory."""
@@ -126,12 +117,6 @@ class _Relaxing(Damper):
         """Two factors."""
         if self.matrix is not None and self.coefficient is not None:
             yield Wrong(("matrix",), "give this or coefficient, not both", of_key=True)
-
-    @property
-    def factor(self) -> Any:
-        """The factor of the law."""
-        given = self.coefficient if self.matrix is None else self.matrix
-        return 1.0 if given is None else given
 
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The law."""
