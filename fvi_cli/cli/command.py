@@ -104,7 +104,6 @@ class Call:
         """Print and write results, or with ``--check`` find differences from stored ones."""
         from fvi_cli import reports
         from fvi_cli.render.results import report_on, write
-        from fvi_cli.reports.writers import to_text
 
         report = report_on(results, config.name)
         if self.json:
@@ -113,7 +112,7 @@ class Call:
             self.differences += reports.compare(self.output / "tables", report)
             return
         if not self.json:
-            print(to_text(report.summary), "", sep="\n")
+            print(reports.to_text(report.shown), "", sep="\n")
         self.wrote(write(results, self.output, name=config.name))
 
     def wrote(self, paths: Sequence[Path]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -18,12 +19,10 @@ from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.reports.kinds.quantities import quantities_report
 from fvi_cli.reports.kinds.stability import stability_report
 from fvi_cli.reports.kinds.vibration import mode_report, response_report
-from fvi_cli.reports.writers import to_text
 from fvi_cli.runner.outcome import Outcome
 from fvi_cli.storage import StoredFile
 from fvi_cli.studies.cost import CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
-from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.order import OrderTable
 from fvi_cli.studies.order import tables_of_members as tables_of_orders
@@ -38,24 +37,49 @@ Table = OrderTable | StabilityTable | CostTable | FitResult | ModeTable | Respon
 Result = Outcome | Table | Report | StoredFile
 Results = Result | Sequence[Result]
 
-REPORTS: Final[Mapping[type, Callable[[str, Any], Report]]] = {
-    Outcome: lambda name, found: order_report(name, order_tables(found)),
-    OrderTable: order_report,
-    StabilityTable: stability_report,
-    CostTable: cost_report,
-    FitResult: fit_report,
-    ModeTable: mode_report,
-    ResponseTable: response_report,
-    Report: lambda name, found: found[0],
+
+@dataclass(frozen=True, kw_only=True)
+class Kind:
+    """A kind of result: its report, its figures, and what counts as a failure."""
+
+    report: Callable[[str, Any], Report]
+    drawing: str = ""  # function of the name and the results, in a module of plotting.kinds
+    failed: Callable[[Any], int] = lambda found: 0  # number of failures in one result
+    failure: str = ""  # their name
+
+
+KINDS: Final[Mapping[type, Kind]] = {
+    Outcome: Kind(
+        report=lambda name, found: order_report(name, order_tables(found)),
+        failed=lambda one: len(one.unexpected),
+        failure="runs failed unexpectedly",
+    ),
+    OrderTable: Kind(report=order_report),
+    Report: Kind(report=lambda name, found: found[0]),
+    StabilityTable: Kind(
+        report=stability_report,
+        drawing="stability.stability_figures",
+    ),
+    CostTable: Kind(
+        report=cost_report,
+        drawing="convergence.cost_figures",
+        failed=lambda one: len(one.unexpected),
+        failure="runs failed unexpectedly",
+    ),
+    FitResult: Kind(
+        report=fit_report,
+        drawing="fits.fit_figures",
+        failed=lambda one: not one.is_converged,
+        failure="fits did not converge",
+    ),
+    ModeTable: Kind(
+        report=mode_report,
+        drawing="spectra.mode_figures",
+        failed=lambda one: not one.is_complete,
+        failure="tables may lack modes",
+    ),
+    ResponseTable: Kind(report=response_report, drawing="spectra.response_figures"),
 }
-DRAWINGS: Final[Mapping[type, str]] = {
-    StabilityTable: "stability.stability_figures",
-    CostTable: "convergence.cost_figures",
-    FitResult: "fits.fit_figures",
-    ModeTable: "spectra.mode_figures",
-    ResponseTable: "spectra.response_figures",
-}
-"""Functions of the name and the results, in modules of :mod:`fvi_cli.plotting.kinds`."""
 
 
 def as_text(results: Results, *, name: str | None = None) -> str:
@@ -73,15 +97,15 @@ def as_text(results: Results, *, name: str | None = None) -> str:
         return contents_as_text(found[0])
     if kind is Outcome:
         return runs_as_text(found)
-    return to_text(report_on(results, name).summary)
+    return reports.to_text(report_on(results, name).shown)
 
 
 def report_on(results: Results, name: str | None = None) -> Report:
     """The report on results of one kind; for outcomes the report on orders."""
     kind, found = _sorted(results)
-    if kind not in REPORTS:
+    if kind not in KINDS:
         raise RequestError("there is no report on what a result file holds")
-    return REPORTS[kind](name or _only_name(found), found)
+    return KINDS[kind].report(name or _only_name(found), found)
 
 
 def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
@@ -95,16 +119,16 @@ def figures(results: Results, *, name: str | None = None) -> dict[str, Figure]:
         If there is more than one experiment and no name, or where there is no picture.
     """
     kind, found = _sorted(results)
-    if kind is not Outcome and kind not in DRAWINGS:
-        raise RequestError(
-            "only outcomes, fits, and tables of stability, cost, modes and responses have figures"
-        )
     title = name or _only_name(found)
     if kind is Outcome:
         from fvi_cli.plotting import draw_figures
 
         return draw_figures(studies(found), name=title)[0]
-    module, _, function = DRAWINGS[kind].partition(".")
+    if kind not in KINDS or not KINDS[kind].drawing:
+        raise RequestError(
+            "only outcomes, fits, and tables of stability, cost, modes and responses have figures"
+        )
+    module, _, function = KINDS[kind].drawing.partition(".")
     draw = getattr(importlib.import_module(f"fvi_cli.plotting.kinds.{module}"), function)
     return dict(draw(title, found))
 
@@ -133,7 +157,7 @@ def write(
     report, folder = report_on(results, name), Path(output)
     title = name or _only_name(found)
     paths = reports.write(folder / "tables", report)
-    if kind is Outcome or kind in DRAWINGS:
+    if kind is Outcome or KINDS[kind].drawing:
         paths += write_figures(figures(results, name=title), folder, formats=formats)
     if kind is ModeTable:
         from fvi_cli.storage.mode_shapes import write_mode_shapes
@@ -146,15 +170,8 @@ def write(
 def failures(results: Results) -> str:
     """How many of the results failed that were not expected to, in words; empty: none."""
     kind, found = _sorted(results)
-    if kind in (Outcome, CostTable):
-        count, words = sum(len(one.unexpected) for one in found), "runs failed unexpectedly"
-    elif kind is FitResult:
-        count, words = sum(not one.is_converged for one in found), "fits did not converge"
-    elif kind is ModeTable:
-        count, words = sum(not one.is_complete for one in found), "tables may lack modes"
-    else:
-        return ""
-    return f"{count} {words}" if count else ""
+    count = sum(map(KINDS[kind].failed, found))
+    return f"{count} {KINDS[kind].failure}" if count else ""
 
 
 def order_tables(outcomes: Outcome | Sequence[Outcome]) -> list[OrderTable]:
@@ -179,9 +196,7 @@ def quantities(outcomes: Outcome | Sequence[Outcome], *, name: str | None = None
     listed = [outcomes] if isinstance(outcomes, Outcome) else list(outcomes)
     title = name or _only_name(listed)
     finished = [one for outcome in listed for one in outcome.finished]
-    drawn = [one for outcome in listed for one in outcome.experiment.figures]
-    is_ensemble = any(isinstance(one, FigureSettings) and one.ensemble for one in drawn)
-    if not is_ensemble and all(one.trajectory.observed is None for one in finished):
+    if all(one.trajectory.observed is None for one in finished):
         raise RequestError(
             f"{title}: no quantities, events or impacts are asked for; give for example "
             "quantities: {top: ax}"

@@ -1,35 +1,12 @@
-"""Members, numbers and keys in words for readers."""
+"""Members and keys in words, and the units of quantities."""
 
 from __future__ import annotations
 
-import math
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from fvi_cli.reports.table import Column, Value
-from fvi_cli.studies.members import (
-    Member,
-    leads_somewhere,
-    swept_in_words,
-    value_at,
-    value_in_words,
-)
-
-
-def number(value: float, form: str, missing: str = "-") -> str:
-    """A number in a format; `missing` for nan."""
-    return missing if math.isnan(value) else format(value, form)
-
-
-def listing(numbers: Sequence[int]) -> str:
-    """Numbers separated by commas; of more than four only the ends."""
-    if len(numbers) > 4:
-        return f"{numbers[0]}, {numbers[1]}, ..., {numbers[-1]}"
-    return ", ".join(map(str, numbers))
-
+from fvi_cli.studies.members import Member, leads_somewhere, swept_in_words, value_at
 
 _KEYS: Mapping[str, str] = {
     "rayleigh.stiffness": "stiffness-proportional damping",
@@ -140,47 +117,6 @@ def key_label(
     return label
 
 
-def columns_with_units(
-    columns: Sequence[Column], units: Mapping[str, str], **kinds: str
-) -> tuple[Column, ...]:
-    """The columns with units in their titles; `kinds` gives the quality by name of the column."""
-    return tuple(
-        replace(one, title=with_unit(one.title, units, kinds[one.name]))
-        if one.name in kinds and one.title
-        else one
-        for one in columns
-    )
-
-
-DESIGN = "design"
-"""Name of the column with names of designs."""
-
-
-def member_columns(
-    members: Iterable[Member | None], member_of: Callable[[Any], Member | None], title: str = ""
-) -> tuple[Column, ...]:
-    """A column ``design`` if members have names, and a column for every swept key.
-
-    Lists and mappings are written as in YAML. `member_of` returns the member of the item of a row,
-    and `title` is the heading of the names for readers.
-    """
-    found = [member for member in members if member is not None]
-    keys = dict.fromkeys(key for member in found for key in member.values)
-
-    def name(one: Any) -> str:
-        member = member_of(one)
-        return "" if member is None else member.name
-
-    def value(one: Any, key: str) -> Value:
-        member = member_of(one)
-        return None if member is None else plain_value(member.values.get(key))
-
-    names = [Column(DESIGN, "name of the design", title, get=name)]
-    meaning = "swept value of the configuration"
-    swept = (Column(key, meaning, get=partial(value, key=key)) for key in keys)
-    return (*(names if any(member.name for member in found) else ()), *swept)
-
-
 def members_in_words(members: Sequence[Member]) -> str:
     """``3 designs: bare, soft, stiff``, or the number of members and the swept keys."""
     names = list(dict.fromkeys(member.name for member in members if member.name))
@@ -189,10 +125,3 @@ def members_in_words(members: Sequence[Member]) -> str:
     if names:
         return "; ".join([f"{len(names)} designs: {', '.join(names)}", *swept])
     return f"{len(members)} members, {'; '.join(swept)}"
-
-
-def plain_value(value: object) -> Value:
-    """A swept value in a table: a number, or words."""
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        return value
-    return None if value is None else value_in_words(value)

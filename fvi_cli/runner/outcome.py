@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 from fvi_cli.errors import RequestError
-from fvi_cli.reports.naming import member_columns
+from fvi_cli.reports.columns import member_columns
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage.fields import COUNTS, FIELDS, extents_in, values_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -104,7 +104,7 @@ class Outcome:
 
     def _row(self, one: FinishedRun) -> tuple[dict[str, Any], dict[str, Any]]:
         """Columns that identify a run, and columns of its results."""
-        columns = member_columns(self.experiment.members, lambda finished: finished.run.member)
+        columns = member_columns(self.experiment.members, "run.member")
         key = {column.name: column.of(one) for column in columns}
         values = values_of(one)
         key |= {name: values.pop(name) for name in ("method", "case", "n_steps")}

@@ -197,7 +197,7 @@ def test_tables_hold_every_row():
     (table,) = stability(parse_config(STUDY, "quick.yaml"))
     texts = rendered(stability_report("quick", [table]))
     lines = texts["quick-stability.csv"].splitlines()
-    assert lines[0] == ",".join(column.name for column in COLUMNS)
+    assert lines[0] == ",".join(["experiment", *(column.name for column in COLUMNS)])
     assert len(lines) == 5
     found = csv.DictReader(lines)
     assert [row["predicted"] for row in found] == [row.prediction.verdict for row in table.rows]

@@ -7,7 +7,7 @@ import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.plotting.kinds.planes import hysteresis_figure
 from fvi_cli.reports.kinds.quantities import quantities_report
-from fvi_cli.reports.writers import to_markdown
+from fvi_cli.reports.write import to_markdown
 
 LAW = "law: zener, order: 0.6, time: 0.5, relaxed: 0.5, unrelaxed: 5.0"
 REST = """  final_time: 12.0

@@ -12,9 +12,9 @@ from scipy.sparse import csr_array
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.reports.kinds.designs import design_blocks, design_sheet
+from fvi_cli.reports import grid_of, to_text
+from fvi_cli.reports.kinds.designs import design_sheet
 from fvi_cli.reports.kinds.quantities import quantities_report
-from fvi_cli.reports.writers import to_text
 
 TEXT = configuration(
     "kind: pendulum, damping: [{order: 0.5, coefficient: 0.3}], initial: {position: 1.0}, "
@@ -183,8 +183,13 @@ def test_a_change_of_any_size_has_a_narrow_column_and_a_lost_run_none():
         "designs: {a: {problem.initial.position: 1e-9}, b: {}}"
     )
     (outcome,) = fvi.run(parse_config(text, "a"))
-    shown = to_text(design_blocks(design_sheet(outcome.finished)))
+    shown = designs_as_text(outcome.finished)
     assert re.search(r"\+\d\.\de\+1\d %", shown)
     assert max(map(len, shown.splitlines())) < 100
     lost = [replace(one, status="diverged") for one in outcome.finished]
-    assert "%" not in to_text(design_blocks(design_sheet(lost)))
+    assert "%" not in designs_as_text(lost)
+
+
+def designs_as_text(finished):
+    sheet = design_sheet(finished)
+    return to_text([grid_of(sheet.columns, sheet.items)])

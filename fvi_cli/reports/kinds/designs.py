@@ -3,20 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from fvi_cli.reports.document import Block, Paragraph
-from fvi_cli.reports.naming import DESIGN, member_columns, with_unit
-from fvi_cli.reports.table import About, Column, Sheet, Within
+from fvi_cli.integrator.trajectory import Extent
+from fvi_cli.reports.columns import CLOSE, GOOD, Item, member_columns, member_title, status_in_words
+from fvi_cli.reports.table import Column, Sheet, Within
 from fvi_cli.studies.experiment import FinishedRun, finest_of_members
 
-GOOD = ("ok", "floor")
-"""Statuses of runs whose numbers are valid."""
-CLOSE = Within(relative=1e-3, absolute=1e-12)
-"""Tolerance for numbers that depend on the rounding of the machine, as for errors."""
-_CHANGE = Within(absolute=2e-3)
 LARGE_CHANGE = 100.0
 """Changes from this on are shown as powers of ten."""
 
@@ -27,76 +22,51 @@ def design_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     for one in finished:
         if one.run.member is not None and one.run.member.name:
             by_experiment.setdefault(one.run.experiment.name, []).append(one)
-    rows: list[About] = []
+    items = []
     for own in by_experiment.values():
+        # the first design with the same swept values
         firsts: dict[str, FinishedRun] = {}
-        rows += [
-            About(of=one, first=firsts.setdefault(repr(_values(one)), one))
-            for one in finest_of_members(own)
-        ]
-    seen = [one.of.trajectory.observed for one in rows]
+        for one in finest_of_members(own):
+            values = repr(one.run.member and one.run.member.unnamed)
+            items.append(Item(of=one, first=firsts.setdefault(values, one)))
+    seen = [one.of.trajectory.observed for one in items]
     quantities = dict.fromkeys(name for one in seen if one is not None for name in one.extents)
     if not quantities:
         return None
-    units = rows[0].of.run.experiment.units if len(by_experiment) == 1 else {}
-    members = [one.of.run.member for one in rows]
-    tells = member_columns(members, lambda one: one.of.run.member, DESIGN)
     columns = (
-        Column(
-            "experiment",
-            "name of the experiment",
-            "experiment" * (len(by_experiment) > 1),
-            get="of.run.experiment.name",
-        ),
-        *(one for one in tells if one.title),
-        Column("values", "swept values", "at" * any(_values(one.of) for one in rows), get=_label),
-        Column("case", "name of the method in files", get="of.run.method.case"),
-        Column("method", "its short name", get="of.run.method_label"),
-        Column("n_steps", "number N of steps", get="of.run.n_steps"),
-        *(column for quantity in quantities for column in _of_quantity(quantity, units)),
-        Column(
-            "error",
-            "error of the position in the experiment's norm, or its estimate for a tolerance",
-            "error of position",
-            ".1e",
-            None,
-            get="of.error",
-        ),
-        Column(
-            "status",
-            "what was observed",
-            "" if all(one.of.status in GOOD for one in rows) else "status",
-            get="of.status",
-        ),
-        *(one for one in tells if not one.title),
+        Column("experiment", get="of.run.experiment.name"),
+        *member_columns((one.of.run.member for one in items), "of.run.member"),
+        member_title("of.run.member"),
+        Column("case", get="of.run.method.case"),
+        Column("n_steps", get="of.run.n_steps"),
+        *(column for quantity in quantities for column in _of_quantity(quantity)),
+        Column("error", "error of position", ".1e", None, get="of.error"),
+        Column("status", "status", status_in_words, get="of.status"),
     )
-    return Sheet.of("designs", columns, rows, ("experiment", DESIGN, "values"), is_file=False)
+    return Sheet(name="designs", columns=columns, items=items, is_file=False)
 
 
-def _extent(one: FinishedRun, quantity: str, what: str) -> float:
-    observed = one.trajectory.observed
-    found = None if observed is None else observed.extents.get(quantity)
-    return math.nan if found is None else float(getattr(found, what))
+def _of_quantity(name: str) -> tuple[Column, ...]:
+    def extent(one: FinishedRun, what: str) -> float:
+        observed = one.trajectory.observed
+        found: Extent | None = None if observed is None else observed.extents.get(name)
+        return math.nan if found is None else float(getattr(found, what))
 
+    def of(item: Any, what: str) -> float:
+        return extent(item.of, what)
 
-def _of_quantity(name: str, units: Mapping[str, str]) -> tuple[Column, ...]:
-    def change(one: About) -> float | None:
-        if one.first is one.of or one.of.status not in GOOD:
-            # the peaks of a failed run cannot be compared
+    def change(item: Any) -> float | None:
+        """As a fraction; the peaks of a failed run cannot be compared."""
+        if item.first is item.of or item.of.status not in GOOD:
             return None
-        before = _extent(one.first, name, "peak")
-        return _extent(one.of, name, "peak") / before - 1.0 if before else math.nan
+        before = extent(item.first, "peak")
+        return of(item, "peak") / before - 1.0 if before else math.nan
 
-    def extent(one: About, what: str) -> float:
-        return _extent(one.of, name, what)
-
-    label = with_unit(f"peak {name}", units, name)
-    peak, error = partial(extent, what="peak"), partial(extent, what="error")
-    words = "its change against the first design, as a fraction of that"
+    peak, error, limit = partial(of, what="peak"), partial(of, what="error"), Within(absolute=2e-3)
     return (
-        Column(f"peak_{name}", "largest absolute value", label, ".4g", CLOSE, get=peak),
-        Column(f"peak_{name}_error", "estimated error", compared=None, get=error),
-        Column(f"peak_{name}_change", words, "change", _percent, _CHANGE, get=change),
+        Column(f"peak_{name}", f"peak {name}", ".4g", CLOSE, unit=name, get=peak),
+        Column(f"peak_{name}_error", within=None, get=error),
+        Column(f"peak_{name}_change", "change", _percent, limit, get=change),
     )
 
 
@@ -104,21 +74,3 @@ def _percent(value: float | None) -> str:
     if value is None or math.isnan(value):
         return "-"
     return f"{100 * value:+.1f} %" if abs(value) < LARGE_CHANGE else f"{100 * value:+.1e} %"
-
-
-def _values(one: FinishedRun) -> Mapping[str, Any]:
-    return {} if one.run.member is None else one.run.member.unnamed
-
-
-def _label(one: Any) -> str:
-    member = one.of.run.member
-    return str(member.label).removeprefix(member.name).removeprefix(", ")
-
-
-def design_blocks(sheet: Sheet) -> list[Block]:
-    """The table of the designs with its title."""
-    words = sum(bool(one.title) for one in sheet.columns[:3])
-    return [
-        Paragraph("Designs: peaks and their change against the first design."),
-        sheet.grid(text_columns=words),
-    ]

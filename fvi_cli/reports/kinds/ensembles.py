@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.reports.kinds.designs import CLOSE, GOOD
+from fvi_cli.reports.columns import CLOSE, GOOD, Item
+from fvi_cli.reports.naming import with_unit
 from fvi_cli.reports.table import Column, Sheet
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import FinishedRun, finest_of_members
@@ -82,36 +83,40 @@ def _ensemble(members: Sequence[FinishedRun], name: str, design: str) -> Ensembl
     )
 
 
-_COLUMNS = (
-    Column("experiment", "name of the experiment"),
-    Column("design", "name of the design; empty: all members", "design"),
-    Column("quantity", "coordinate or quantity", "peak of"),
-    Column("members", "number of members", "members"),
-    Column("mean", "mean over the members", "mean", ".6g", CLOSE),
-    Column("deviation", "standard deviation, with m - 1", "deviation", ".4g", CLOSE),
-    Column("least", "smallest of a member", "least", ".6g", CLOSE),
-    Column("greatest", "largest of a member", "greatest", ".6g", CLOSE),
+COLUMNS = (
+    Column("experiment", get="of.run.experiment.name"),
+    Column("design", "design"),  # empty: all members
+    Column("quantity"),
+    Column(
+        "",
+        "peak of",
+        get=lambda one: with_unit(one.quantity, one.of.run.experiment.units, one.quantity),
+    ),
+    Column("members", "members", get=lambda one: one.peaks.size),
+    Column("mean", "mean", ".6g", CLOSE, get=lambda one: float(one.peaks.mean())),
+    # with divisor m - 1
+    Column("deviation", "deviation", ".4g", CLOSE, get=lambda one: float(_deviation(one.peaks))),
+    Column("least", "least", ".6g", CLOSE, get=lambda one: float(one.peaks.min())),
+    Column("greatest", "greatest", ".6g", CLOSE, get=lambda one: float(one.peaks.max())),
 )
 
 
 def ensemble_sheet(finished: Sequence[FinishedRun]) -> Sheet | None:
     """Mean and spread of the peaks of quantities over the members of sweeps."""
-    groups: dict[tuple[str, str, str], list[float]] = {}
-    for one in finest_of_members([one for one in finished if one.status in GOOD]):
+    groups: dict[tuple[str, str, str], list[tuple[FinishedRun, float]]] = {}
+    experiments: dict[str, list[FinishedRun]] = {}
+    for one in finished:
+        if one.status in GOOD:
+            experiments.setdefault(one.run.experiment.name, []).append(one)
+    for one in (one for own in experiments.values() for one in finest_of_members(own)):
         member, observed = one.run.member, one.trajectory.observed
         if member is not None and member.unnamed and observed is not None:
             for name, extent in observed.extents.items():
                 key = (one.run.experiment.name, member.name, name)
-                groups.setdefault(key, []).append(extent.peak)
-    rows = []
-    for (experiment, design, name), own in groups.items():
-        peaks = np.array(own)
-        spread = _deviation(peaks[:, None])[0]
-        values = (peaks.size, peaks.mean(), spread, peaks.min(), peaks.max())
-        names = ("members", "mean", "deviation", "least", "greatest")
-        numbers = dict(zip(names, values, strict=True))
-        rows.append({"experiment": experiment, "design": design, "quantity": name, **numbers})
-    if not rows:
-        return None
-    keys = ("experiment", "design", "quantity")
-    return Sheet(name="ensemble", columns=_COLUMNS, rows=tuple(rows), keys=keys, is_file=False)
+                groups.setdefault(key, []).append((one, extent.peak))
+    items = [
+        Item(of=own[0][0], design=design, quantity=name, peaks=np.array([peak for _, peak in own]))
+        for (_, design, name), own in groups.items()
+    ]
+    sheet = Sheet(name="ensemble", columns=COLUMNS, items=items, is_file=False)
+    return sheet if items else None

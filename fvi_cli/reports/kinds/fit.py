@@ -1,214 +1,108 @@
-"""The report on fits: estimates with intervals, correlations, comparison of models."""
+"""The report on fits: estimates with intervals, and models side by side."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 
-from fvi_cli.reports.document import Block, Bullets, Heading, Paragraph
-from fvi_cli.reports.table import (
-    About,
-    Column,
-    Report,
-    Sheet,
-    Within,
-    grid_of,
-    pivot,
-    within,
-)
+from fvi_cli.reports.columns import Item
+from fvi_cli.reports.table import Block, Column, Report, Sheet, Within, grid_of, listed
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 
 ESTIMATED = Within(relative=1e-5, absolute=1e-9)
 """Tolerance between two fits of the same data."""
 ROUGH = Within(relative=1e-2)
+VAGUE = Within(relative=5e-2)
 
-_EXPERIMENT = Column("experiment", "name of the experiment", get="result.name")
-_MODEL = Column("model", "name of the model; empty: the only one", "model", get="model.model.name")
-_WHOSE = (_EXPERIMENT, replace(_MODEL, meaning="name of the model", title=""))
 
-PARAMETER_COLUMNS = (
-    *within(
-        "one",
-        Column("parameter", "key path", get="name"),
-        Column("estimate", "in the unit of the key", compared=ESTIMATED, get="value"),
-        Column("standard_error", "from the curvature of the misfit, same unit", compared=ROUGH),
-        Column(
-            "low",
-            "lower end of the 95 % interval by profile likelihood; -inf: no limit; "
-            "empty: not found",
-            compared=ROUGH,
-        ),
-        Column(
-            "high",
-            "upper end of the 95 % interval; inf: no limit; empty: not found",
-            compared=ROUGH,
-        ),
-        Column("at_bound", "which ends of the interval are bounds of the parameter"),
-    ),
-    _EXPERIMENT,
-    _MODEL,
-    *within(
-        "model",
-        Column("aicc", "that of the model", compared=ROUGH, get="criterion"),
-        Column("whiteness", "that of its residuals", compared=Within(relative=5e-2)),
-    ),
-    Column("status", "ok or failed", get=lambda of: ("failed", "ok")[of.model.is_converged]),
-)
-MODEL_COLUMNS = (
-    _EXPERIMENT,
-    _MODEL,
+def _status(of: Item) -> str:
+    return "ok" if of.model.is_converged else "failed"
+
+
+def _difference(of: Item) -> float:
+    is_finite = math.isfinite(of.model.criterion)
+    return float(of.model.criterion - of.result.best.criterion) if is_finite else math.inf
+
+
+PARAMETERS = (
+    Column("", "model", get="model.model.name"),
+    Column("parameter", "parameter", get="one.name"),
+    Column("", "estimate", get=lambda of: _digits(of.one.value, of.one.standard_error)),
+    Column("estimate", within=ESTIMATED, get="one.value"),
+    # from the curvature of the misfit
     Column(
-        "parameters",
-        "number of fitted parameters",
-        "parameters",
-        get=lambda of: len(of.model.estimates),
+        "standard_error", "standard error", lambda e: _digits(e, e), ROUGH, "", "one.standard_error"
     ),
-    *within(
-        "model",
-        Column("values", "number of measured values", get="n_values"),
-        Column(
-            "aicc",
-            "corrected Akaike information criterion; smaller is better",
-            "AICc",
-            ".1f",
-            compared=ROUGH,
-            get="criterion",
-        ),
-    ),
-    Column(
-        "aicc_difference",
-        "to the best model",
-        "difference",
-        ".1f",
-        compared=ROUGH,
-        get=lambda of: (
-            of.model.criterion - of.result.best.criterion
-            if math.isfinite(of.model.criterion)
-            else math.inf
-        ),
-    ),
-    *within(
-        "model",
-        Column(
-            "whiteness",
-            "probability (Ljung and Box) of the residuals, if they are noise",
-            "noise?",
-            ".2g",
-            compared=Within(relative=5e-2),
-        ),
-        Column("steps", "steps of the runs", compared=None),
-        Column("discretisation", "error of the runs over the residuals", compared=None),
-    ),
-    Column(
-        "status", "ok or failed", "status", get=lambda of: ("failed", "ok")[of.model.is_converged]
-    ),
-    Column("message", "why it failed", compared=None, get="model.message"),
+    # ends of the 95 % interval by profile likelihood; inf: no limit, nan: not found
+    Column("low", within=ROUGH, get="one.low"),
+    Column("high", within=ROUGH, get="one.high"),
+    Column("", "95 % from", get=lambda of: _end(of.one, of.one.low)),
+    Column("", "to", get=lambda of: _end(of.one, of.one.high)),
+    Column("at_bound", get="one.at_bound"),  # which ends are bounds of the parameter
+    Column("experiment", get="result.name"),
+    Column("model", get="model.model.name"),
+    Column("aicc", within=ROUGH, get="model.criterion"),
+    Column("whiteness", within=VAGUE, get="model.whiteness"),
+    Column("status", get=_status),
 )
-NOISE_COLUMNS = (
-    *_WHOSE,
-    Column("motion", "name of the data set", get="one.data"),
-    Column("column", "name of the column", get="one.series.column"),
-    Column("values", "number of measured values", get=lambda of: int(of.one.series.values.size)),
-    Column(
-        "deviation",
-        "standard deviation of the noise, unit of the column",
-        compared=ROUGH,
-        get="one.deviation",
-    ),
-)
-CORRELATION_COLUMNS = (
-    *_WHOSE,
-    Column("parameter", "one parameter", get="one.name"),
-    Column("other", "another one", get="other.name"),
-    Column("correlation", "of their estimates, -1 to 1", compared=Within(absolute=1e-3)),
-)
-ESTIMATES = (
-    Column("name", title="parameter"),
-    Column("value", title="estimate", get=lambda one: _digits(one.value, one.standard_error)),
-    Column("standard_error", title="standard error", form=lambda error: _digits(error, error)),
-    Column("low", title="95 % from", get=lambda one: _end(one, one.low)),
-    Column("high", title="to", get=lambda one: _end(one, one.high)),
+MODELS = (
+    Column("experiment", get="result.name"),
+    Column("model", "model", get="model.model.name"),
+    Column("parameters", "parameters", get=lambda of: len(of.model.estimates)),
+    Column("values", "values", get="model.n_values"),
+    Column("aicc", "AICc", ".1f", ROUGH, get="model.criterion"),
+    Column("aicc_difference", "difference", ".1f", ROUGH, get=_difference),
+    # probability (Ljung and Box) of the residuals if they are noise
+    Column("whiteness", "noise?", ".2g", VAGUE, get="model.whiteness"),
+    Column("steps", "steps", within=None, get="model.steps"),
+    # error of the runs over the residuals
+    Column("discretisation", "their error", ".0e", None, get="model.discretisation"),
+    Column("status", "status", get=_status),
+    Column("message", within=None, get="model.message"),
 )
 
 
 def fit_report(name: str, results: Sequence[FitResult]) -> Report:
     """The report on the estimates of every experiment and model."""
-    every = [(result, model) for result in results for model in result.models]
-    whose = ("experiment", "model")
-    models = [About(result=r, model=m) for r, m in every]
-    estimates = [About(result=r, model=m, one=one) for r, m in every for one in m.estimates]
-    noise = [About(result=r, model=m, one=one) for r, m in every for one in m.series]
-    pairs = [
-        About(result=r, model=m, one=one, other=other, correlation=float(m.correlations[i, j]))
-        for r, m in every
-        for i, one in enumerate(m.estimates)
-        for j, other in enumerate(m.estimates[:i])
-    ]
+    models = [Item(result=result, model=model) for result in results for model in result.models]
     return Report(
         name=f"{name}-fit",
         sheets=(
-            Sheet.of("parameters", PARAMETER_COLUMNS, estimates, (*whose, "parameter")),
-            Sheet.of("models", MODEL_COLUMNS, models, whose, is_file=False),
-            Sheet.of("noise", NOISE_COLUMNS, noise, (*whose, "motion", "column"), is_file=False),
-            Sheet.of(
-                "correlations",
-                CORRELATION_COLUMNS,
-                pairs,
-                (*whose, "parameter", "other"),
-                is_file=False,
-            ),
+            Sheet(name="parameters", columns=PARAMETERS, items=_estimates(models)),
+            Sheet(name="models", columns=MODELS, items=models, is_file=False),
         ),
-        blocks=list(_words(name, results)),
+        blocks=list(_blocks(name, results)),
     )
 
 
-def _words(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
-    yield Heading(1, f"Fit: {name}")
+def _estimates(models: Sequence[Item]) -> list[Item]:
+    return [Item(**vars(of), one=one) for of in models for one in of.model.estimates]
+
+
+def _blocks(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
+    yield f"# Fit: {name}"
     for result in results:
-        yield Heading(2, result.name)
-        if len(result.models) > 1:
-            models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
-            items = (About(result=result, model=one) for one in models)
-            yield grid_of(MODEL_COLUMNS, items)
-        for model in result.models:
-            if model.model.name:
-                yield Heading(3, f"Model: {model.model.name}")
-            yield from _estimates(model)
-
-
-def _estimates(model: ModelFit) -> Iterator[Block]:
-    if not model.is_converged:
-        yield Paragraph(f"No fit: {model.message}. The best point so far:")
-    yield grid_of(ESTIMATES, model.estimates)
-    if len(model.estimates) > 1 and model.is_converged:
-        yield Paragraph("Correlations of the estimates:")
-        yield pivot(
-            (
-                ((f"{i + 1} {one.name}",), str(j + 1), (f"{model.correlations[i, j]:+.3f}",))
-                for i, one in enumerate(model.estimates)
-                for j in range(i)
-            ),
-            corner=("",),
-            headings={str(j): (str(j),) for j in range(1, len(model.estimates))},
-            absent="",
+        models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
+        items = [Item(result=result, model=one) for one in models]
+        if len(results) > 1:
+            yield f"## {result.name}"
+        yield grid_of(MODELS, items)
+        yield grid_of(
+            PARAMETERS, [Item(**vars(o), one=e) for o in items for e in o.model.estimates]
         )
+        yield from listed(
+            f"{m.model.name}: {words}".removeprefix(": ") for m in models for words in _remarks(m)
+        )
+
+
+def _remarks(model: ModelFit) -> Iterator[str]:
+    """Why there is no fit, the noise of every column, and what is doubtful."""
+    if not model.is_converged:
+        yield f"no fit: {model.message}; these are the best numbers so far"
+    noise = (f"{one.data} {one.series.column} {one.deviation:.3g}" for one in model.series)
     if model.series:
-        yield Paragraph(_noise(model))
-    if model.warnings:
-        yield Bullets(tuple(model.warnings))
-
-
-def _noise(model: ModelFit) -> str:
-    """The noise of every column, and whether the residuals are noise."""
-    columns = "; ".join(
-        f"{one.data} {one.series.column}: {one.deviation:.3g} ({one.series.values.size} values)"
-        for one in model.series
-    )
-    probability = f"Probability of the residuals if they are noise: {model.whiteness:.2g}."
-    share = f"{model.discretisation:.0e}"
-    steps = f" Runs of {model.steps} steps err by {share} of the residuals." if model.steps else ""
-    return f"Standard deviation of the noise, {columns}. {probability}{steps}"
+        yield f"standard deviation of the noise: {', '.join(noise)}"
+    yield from model.warnings
 
 
 def _digits(value: float, error: float) -> str:

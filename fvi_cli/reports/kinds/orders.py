@@ -2,26 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
 from types import SimpleNamespace
 
-from fvi_cli.reports.document import Block, Bullets, Grid, Heading, Paragraph
-from fvi_cli.reports.naming import listing, member_columns, members_in_words, number
-from fvi_cli.reports.table import (
-    About,
-    Cell,
-    Column,
-    Report,
-    Row,
-    Sheet,
-    Within,
-    number_of,
-    pivot,
-    within,
-)
-from fvi_cli.studies.members import counts_in_words
+from fvi_cli.reports.columns import GOOD, Item, member_columns
+from fvi_cli.reports.naming import members_in_words
+from fvi_cli.reports.table import Block, Column, Grid, Report, Sheet, Within, grid_of, listed, pivot
+from fvi_cli.studies.members import counts_in_words, label_of
 from fvi_cli.studies.order import OrderCase, OrderTable
 
 ERROR = Within(relative=1e-3)
@@ -30,99 +20,74 @@ RELIABLE = 2000.0
 """Errors above this many floors are equal on every machine."""
 MOST_MEMBERS = 32
 """Up to so many members have a row of their own."""
-MOST_METHODS = 8
-"""More methods of a single experiment have a row each."""
+MOST_METHODS = 4
+"""So many methods stand side by side."""
 NORMS: Mapping[str, str] = {
     "max": "maximum norm over components and grid points",
     "final": "maximum norm over components at the final time",
     "l2": "l2 norm over the grid, weighted by h",
 }
-_SOURCES: Mapping[str, str] = {
-    "expression": "the exact solution, an expression of the configuration",
-    "unknown": "a reference that is not stated",
-}
-_EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment")
 COLUMNS = (
-    Column("case", "name of the method in files", get="case.method.case"),
-    *within(
-        "described",
-        Column("cq", "convolution quadrature, or the baseline"),
-        Column("sampling", "where the damping is sampled"),
-        Column("degree", "degree of the polynomials"),
-        Column("quadrature", "quadrature of the action and its number of points"),
-        Column("start", "start correction"),
+    Column("case", get="case.method.case"),
+    # convolution quadrature or baseline, sampling of the damping, degree of the polynomials,
+    # quadrature of the action, start correction
+    *(
+        Column(name, get=f"described.{name}")
+        for name in ("cq", "sampling", "degree", "quadrature", "start")
     ),
-    Column("norm", "norm of the error", get="table.norm"),
-    *within(
-        "row",
-        Column("n_steps", "number N of steps"),
-        Column("step_size", "h, in the scene's unit of time"),
-        Column("error", "error of the position, in its unit", compared=ERROR),
-        Column(
-            "pairwise_order",
-            "order against the row before",
-            compared=None,
-            get=lambda of: of.case.pairwise_order(of.index),
-        ),
-        Column("used_in_fit", "whether the slope uses the row"),
-    ),
-    Column(
-        "slope",
-        "least-squares slope of log(error) against log(h) over the rows used",
-        compared=None,
-        get="case.slope",
-    ),
-    *within(
-        "row",
-        Column("order_smooth", "order on smooth data", get="order_smooth"),
-        Column("status", "what was observed"),
-        Column("seconds", "of the steps", compared=None),
-        Column("history_operations", "multiply-adds on the history", compared=None),
-        Column("floor", "errors below are round-off or the reference's own", is_extra=True),
-        Column("message", "what happened", is_extra=True),
-    ),
-    Column(
-        "remarks",
-        "what a reader should know",
-        is_extra=True,
-        get=lambda of: "; ".join(of.row.remarks),
-    ),
+    Column("norm", get="table.norm"),
+    Column("n_steps", get="row.n_steps"),
+    Column("step_size", get="row.step_size"),
+    Column("error", within=ERROR, get="row.error"),
+    Column("pairwise_order", within=None, get=lambda of: of.case.pairwise_order(of.index)),
+    Column("used_in_fit", get="row.used_in_fit"),
+    Column("slope", within=None, get="case.slope"),
+    Column("order_smooth", get="row.order_smooth"),
+    Column("status", get="row.status"),
+    Column("seconds", within=None, get="row.seconds"),
+    Column("history_operations", within=None, get="row.history_operations"),
 )
 
 
 def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     """The report on the orders of all experiments of the configuration `name`.
 
-    A sweep has a table for every member, whose names and swept values stand behind that of the
+    A sweep has a table for every member, whose name and swept values stand behind that of the
     experiment.
     """
-    swept = member_columns((table.member for table in tables), lambda of: of.table.member)
-    items = (
-        About(table=table, case=case, index=index, row=row, described=described)
+    items = [
+        Item(table=table, case=case, index=index, row=row, described=described)
         for table in tables
         for case in table.cases
         for described in (SimpleNamespace(**case.columns()),)
         for index, row in enumerate(case.rows)
-    )
-    columns = (_EXPERIMENT, *swept, *COLUMNS)
-    keys = ("experiment", *(column.name for column in swept), "case", "n_steps")
-    orders = [Heading(1, f"Orders of convergence: {name}"), *_summary(name, tables)]
+    ]
+    experiment = Column("experiment", get="table.experiment")
+    swept = member_columns((table.member for table in tables), "table.member")
     return Report(
         name=name,
-        sheets=(Sheet.of("runs", columns, items, keys, below_floor=_below_floor),),
-        shown=orders,
-        blocks=[*orders, *_details(tables)],
+        sheets=(
+            Sheet(
+                name="runs",
+                columns=(experiment, *swept, *COLUMNS),
+                items=items,
+                is_round_off=_is_round_off,
+            ),
+        ),
+        blocks=[f"# Orders of convergence: {name}", *_blocks(name, tables)],
         has_latex=True,
     )
 
 
-def _below_floor(stored: Row, fresh: Row) -> set[str]:
+def _is_round_off(of: Item, stored: Mapping[str, str]) -> set[str]:
     """Columns not compared: errors near the floor, and of diverged runs."""
-    if fresh["status"] not in ("ok", "floor"):
+    row = of.row
+    if row.status not in GOOD:
         return {"error"}
-    error, other, floor = (number_of(v) for v in (stored["error"], fresh["error"], fresh["floor"]))
-    is_round_off = stored["status"] in ("ok", "floor") and max(error, other) <= RELIABLE * floor
-    return {"error", "status", "used_in_fit"} if is_round_off else set()
+    is_near = stored["status"] in GOOD and all(
+        error <= RELIABLE * row.floor for error in (float(stored["error"]), row.error)
+    )
+    return {"error", "status", "used_in_fit"} if is_near else set()
 
 
 def reference_in_words(source: str) -> str:
@@ -131,149 +96,65 @@ def reference_in_words(source: str) -> str:
         return f"a {source}"
     if source.startswith("N = "):
         return source
-    return _SOURCES.get(source, f"the exact solution, {source}")
+    return "the exact solution" + (f", {source}" if source != "expression" else "")
 
 
-# --- the slopes of all experiments ----------------------------------------------------------------
+def _blocks(title: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
+    """The slopes of all experiments; of each its setting, errors and remarks."""
+    if len({table.experiment for table in tables}) > 1:
+        yield _slopes(title, [table for table in tables if not table.swept])
+    for name, group in itertools.groupby(tables, key=lambda table: table.experiment):
+        own = list(group)
+        if name != title:
+            yield f"## {name}"
+        if not own[0].cases:
+            yield "No run is finished."
+            continue
+        yield _setting(own)
+        if not own[0].swept:
+            for first in range(0, len(own[0].cases), MOST_METHODS):
+                yield _errors(own[0].cases[first : first + MOST_METHODS])
+            yield from listed(_remarks(own[0]))
+        else:
+            yield f"{members_in_words([one.member for one in own if one.member is not None])}."
+            yield _members(own) if len(own) <= MOST_MEMBERS else _spread(own)
 
 
-def _summary(name: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """Slopes of all experiments; of the members of a sweep one by one, or summed up."""
-    groups: dict[tuple[str, ...], list[OrderTable]] = {}
-    swept: dict[str, list[OrderTable]] = {}
-    for table in tables:
-        cases = tuple(case.method.case for case in table.cases)
-        if table.swept:
-            swept.setdefault(table.experiment, []).append(table)
-        elif cases:
-            groups.setdefault(cases, []).append(table)
-    titles = [table.experiment for group in groups.values() for table in group]
-    prefix = f"{name}-" if all(title.startswith(f"{name}-") for title in titles) else ""
-    for group in groups.values():
-        yield _slopes(group, prefix)
-    for experiment, members in swept.items():
-        found = [table.member for table in members if table.member is not None]
-        yield Paragraph(f"`{experiment}`: {members_in_words(found)}.")
-        few = len(members) <= MOST_MEMBERS
-        yield _slopes(members) if few else _spread(members)
-    if not groups and not swept:
-        yield Paragraph("No run is finished.")
-
-
-def _label(table: OrderTable) -> str:
-    return "" if table.member is None else table.member.label
-
-
-def _slopes(group: Sequence[OrderTable], prefix: str = "") -> Grid:
-    """Rows: experiments or members, columns: methods, with the orders that are stated.
-
-    Many methods of a single experiment have a row each.
-    """
-    stated = {c.method.case for table in group for c in table.cases if not math.isnan(c.claim)}
-
-    def texts(case: OrderCase) -> list[str]:
-        return [_slope(case), *[number(case.claim, "g")] * (case.method.case in stated)]
-
-    if len(group) == 1 and len(group[0].cases) > MOST_METHODS:
-        heads = ("slope", "stated")[: 1 + bool(stated)]
-        lines = [(case.method.label, *texts(case), "-") for case in group[0].cases]
-        rows = tuple(line[: 1 + len(heads)] for line in lines)
-        return Grid(header=("method", *heads), rows=rows)
-    corner = ("member",) if group[0].swept else ("problem", "gamma", "N")
+def _slopes(title: str, tables: Sequence[OrderTable]) -> Grid:
+    """A line for every experiment with the slopes of all methods, and the orders of its source."""
+    cases = {case.method.case: case.method.label for table in tables for case in table.cases}
+    stated = {c.method.case for table in tables for c in table.cases if not math.isnan(c.claim)}
     return pivot(
         (
-            (_begin(table, prefix), case.method.case, texts(case))
-            for table in group
+            (
+                (table.experiment.removeprefix(f"{title}-"), _orders([table]) or "-"),
+                case.method.case,
+                [_number(case.slope, ".2f"), _number(case.claim, "g")],
+            )
+            for table in tables
             for case in table.cases
         ),
-        corner=corner,
-        headings={
-            case.method.case: (case.method.label, *["stated"] * (case.method.case in stated))
-            for table in group
-            for case in table.cases
-        },
+        corner=("problem", "gamma"),
+        headings={case: (label, "stated")[: 1 + (case in stated)] for case, label in cases.items()},
     )
 
 
-def _begin(table: OrderTable, prefix: str) -> tuple[str, ...]:
-    """The member, or experiment, orders of the damping, and the ladder."""
-    if table.swept:
-        return (_label(table),)
-    steps = sorted({row.n_steps for case in table.cases for row in case.rows})
-    ladder = str(steps[0]) if len(steps) == 1 else f"{steps[0]} to {steps[-1]}"
-    return table.experiment.removeprefix(prefix), _orders(table) or "-", ladder
-
-
-def _orders(table: OrderTable) -> str:
-    return ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
-
-
-def _slope(case: OrderCase) -> str:
-    """The slope; without one the only error, or what became of the runs."""
-    if math.isfinite(case.slope):
-        return f"{case.slope:.2f}"
-    if len(case.rows) == 1 and math.isfinite(case.rows[0].error):
-        return f"error {case.rows[0].error:.1e}"
-    lost = [row.status for row in case.rows if row.status not in ("ok", "floor")]
-    return lost[0] if lost else "floor" if case.rows else "-"
-
-
-def _spread(tables: Sequence[OrderTable]) -> Grid:
-    """Rows: methods; columns: range of slopes and of the finest errors over the members."""
-    found: dict[str, list[tuple[OrderTable, OrderCase]]] = {}
-    for table in tables:
-        for case in table.cases:
-            found.setdefault(case.method.label, []).append((table, case))
-    cells: list[Cell] = []
-    for label, own in found.items():
-        slopes = [case.slope for _, case in own if math.isfinite(case.slope)]
-        errors = {table.title: case.rows[-1].error for table, case in own}
-        finite = {title: error for title, error in errors.items() if math.isfinite(error)}
-        worst = max(finite, key=finite.__getitem__, default="")
-        at = next((_label(table) for table, _ in own if table.title == worst), "-")
-        texts = [f"{measure(slopes):.2f}" if slopes else "-" for measure in _MEASURES]
-        texts += [f"{measure(finite.values()):.1e}" if finite else "-" for measure in _MEASURES[1:]]
-        counts = counts_in_words(row.status for _, case in own for row in case.rows)
-        cells.append(((label,), "", [*texts, at, counts]))
-    heads = ("slope: least", "median", "greatest", "finest error: median", "largest", "at", "rows")
-    return pivot(cells, corner=("method",), headings={"": heads})
-
-
-_MEASURES = (min, statistics.median, max)
-
-
-# --- the errors of every experiment ---------------------------------------------------------------
-
-
-def _details(tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """Of every experiment heading, equation, errors and remarks of the runs."""
-    groups: dict[str, list[OrderTable]] = {}
-    for table in tables:
-        groups.setdefault(table.experiment, []).append(table)
-    for name, own in groups.items():
-        yield Heading(2, name)
-        yield Paragraph(_setting(own))
-        if not own[0].cases:
-            yield Paragraph("No run is finished.")
-        else:
-            yield _member_errors(own) if own[0].swept else _errors(own[0].cases)
-        remarks = [] if own[0].swept else _remarks(own[0])
-        if remarks:
-            yield Bullets(tuple(remarks))
+def _orders(tables: Sequence[OrderTable]) -> str:
+    """The orders of damping in the equation."""
+    if any(one.gamma != tables[0].gamma for one in tables):
+        return "swept"
+    return ", ".join(dict.fromkeys(filter(None, tables[0].gamma.split(";"))))
 
 
 def _setting(tables: Sequence[OrderTable]) -> str:
     """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
-    table = tables[0]
-    orders = "swept" if any(one.gamma != table.gamma for one in tables) else _orders(table)
+    table, gamma = tables[0], _orders(tables)
     rows = (row for one in tables for case in one.cases for row in case.rows)
-    mark = (
-        "; in parentheses: not used for the slope" if not all(r.used_in_fit for r in rows) else ""
-    )
-    equation = f"`{table.equation}`" if table.equation else "not stated"
+    mark = "" if all(row.used_in_fit for row in rows) else "; in parentheses: not used by the slope"
+    equation = f"`{table.equation}`; " if table.equation else ""
     return (
-        f"Equation: {equation}; {f'gamma = {orders}; ' if orders else ''}T = {table.final_time:g}. "
-        f"Errors in the {NORMS[table.norm]}, against {reference_in_words(table.reference)}{mark}."
+        f"{equation}{f'gamma = {gamma}; ' if gamma else ''}T = {table.final_time:g}. Errors in the "
+        f"{NORMS[table.norm]}, against {reference_in_words(table.reference)}{mark}."
     )
 
 
@@ -286,9 +167,9 @@ def _errors(cases: Sequence[OrderCase]) -> Grid:
     )
     sizes = {n: size for n, size, _, _ in reversed(cells)}
     below = {
-        "slope": [number(case.slope, ".2f") for case in cases],
-        "on smooth data": [number(case.order_smooth, ".3g") for case in cases],
-        "stated": [number(case.claim, "g") for case in cases],
+        "slope": [_number(case.slope, ".2f") for case in cases],
+        "on smooth data": [_number(case.order_smooth, ".3g") for case in cases],
+        "stated": [_number(case.claim, "g") for case in cases],
     }
     return pivot(
         (((str(n), sizes[n]), case, texts) for n, _, case, texts in cells),
@@ -297,9 +178,8 @@ def _errors(cases: Sequence[OrderCase]) -> Grid:
         foot=[
             ((title, ""), {c.method.case: ("", one) for c, one in zip(cases, words, strict=True)})
             for title, words in below.items()
-            if title == "slope" or set(words) != {"-"}
+            if set(words) != {"-"}
         ],
-        text_columns=0,
     )
 
 
@@ -309,47 +189,74 @@ def _entries(case: OrderCase, k: int) -> list[str]:
     if math.isnan(row.error) or row.status == "diverged":
         return [row.status, ""]
     error = f"{row.error:.2e}" if row.used_in_fit else f"({row.error:.2e})"
-    return [error, number(case.pairwise_order(k), ".2f", "")]
+    return [error, _number(case.pairwise_order(k), ".2f", "")]
 
 
-def _member_errors(tables: Sequence[OrderTable]) -> Grid:
-    """A line for every N with the median and the largest error of the members."""
-    found: dict[tuple[int, str, str], list[tuple[float, str]]] = {}
-    for table in tables:
-        for case in table.cases:
-            for row in case.rows:
-                key = (row.n_steps, f"{row.step_size:.4g}", case.method.label)
-                found.setdefault(key, []).append((row.error, row.status))
+def _number(value: float, form: str, missing: str = "-") -> str:
+    return missing if math.isnan(value) else format(value, form)
 
-    def texts(rows: Sequence[tuple[float, str]]) -> tuple[str, str, str]:
-        errors = [error for error, _ in rows if math.isfinite(error)]
-        least, most = (statistics.median(errors), max(errors)) if errors else (math.nan, math.nan)
-        counts = counts_in_words(status for _, status in rows)
-        return number(least, ".2e"), number(most, ".2e"), counts
 
+def _members(tables: Sequence[OrderTable]) -> Grid:
+    """A line for every member with the error on the finest grid and the slope of every method."""
     return pivot(
-        (((str(n), size), case, texts(found[n, size, case])) for n, size, case in sorted(found)),
-        corner=("N", "h"),
-        headings={
-            case: (f"{case}: median", "largest", "rows")
-            for case in dict.fromkeys(case for _, _, case in found)
-        },
-        text_columns=0,
+        (
+            (
+                (label_of(table.member),),
+                case.method.case,
+                (_entries(case, -1)[0], _number(case.slope, ".2f")),
+            )
+            for table in tables
+            for case in table.cases
+        ),
+        corner=("member",),
+        headings={c.method.case: (c.method.label, "slope") for t in tables for c in t.cases},
     )
 
 
-def _remarks(table: OrderTable) -> list[str]:
+SPREAD = (
+    Column("method", "method"),
+    Column("least", "slope: least", ".2f", get=lambda of: min(of.slopes, default=math.nan)),
+    Column("median", "median", ".2f", get=lambda of: statistics.median(of.slopes or [math.nan])),
+    Column("greatest", "greatest", ".2f", get=lambda of: max(of.slopes, default=math.nan)),
+    Column("error", "finest error: median", ".1e", get=lambda of: statistics.median(of.errors)),
+    Column("largest", "largest", ".1e", get="worst.error"),
+    Column("at", "at", get="worst.member"),
+    Column("rows", "rows", get=lambda of: counts_in_words(of.statuses)),
+)
+
+
+def _spread(tables: Sequence[OrderTable]) -> Grid:
+    """A line for every method with its slopes and finest errors over the members."""
+    found: dict[str, list[tuple[OrderTable, OrderCase]]] = {}
+    for table in tables:
+        for case in table.cases:
+            found.setdefault(case.method.label, []).append((table, case))
+    items = []
+    for label, own in found.items():
+        finest = [Item(error=c.rows[-1].error, member=label_of(t.member)) for t, c in own]
+        finite = [one for one in finest if math.isfinite(one.error)] or finest[:1]
+        items.append(
+            Item(
+                method=label,
+                slopes=[case.slope for _, case in own if math.isfinite(case.slope)],
+                errors=[one.error for one in finite],
+                worst=max(finite, key=lambda one: one.error),
+                statuses=[row.status for _, case in own for row in case.rows],
+            )
+        )
+    return grid_of(SPREAD, items)
+
+
+def _remarks(table: OrderTable) -> Iterator[str]:
     """What the runs say, once for every method and text; of failures that of the first run."""
     found: dict[tuple[str, str], list[int]] = {}
     for case in table.cases:
-        label = case.method.label
         for row in case.rows:
             for text in row.remarks:
-                found.setdefault((label, text), []).append(row.n_steps)
+                found.setdefault((case.method.label, text), []).append(row.n_steps)
         failed = next((row for row in case.rows if row.message), None)
         if failed is not None:
-            found.setdefault((label, failed.message), []).append(failed.n_steps)
-    return [
-        f"{label}, N = {listing(steps)}: {text.rstrip('.')}."
-        for (label, text), steps in found.items()
-    ]
+            found.setdefault((case.method.label, failed.message), []).append(failed.n_steps)
+    for (label, text), steps in found.items():
+        numbers = steps if len(steps) <= 4 else [*steps[:2], "...", steps[-1]]
+        yield f"{label}, N = {', '.join(map(str, numbers))}: {text.rstrip('.')}."

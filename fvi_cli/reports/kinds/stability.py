@@ -6,89 +6,68 @@ import math
 from collections.abc import Iterator, Sequence
 
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
-from fvi_cli.reports.document import Block, Heading, Paragraph
-from fvi_cli.reports.naming import member_columns
-from fvi_cli.reports.table import About, Column, Report, Sheet, Within, pivot, within
+from fvi_cli.reports.columns import Item, member_columns
+from fvi_cli.reports.table import Block, Column, Report, Sheet, Within, pivot
 from fvi_cli.studies.members import label_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
-MOST_LINES = 200
+MOST_LINES = 100
 """Most lines of a grid; a longer study lists only numbers of unstable members."""
-PREDICTED = Within(relative=2e-3, absolute=1e-9)
-_EXPERIMENT = Column("experiment", "name of the experiment", get="table.experiment.name")
 COLUMNS = (
-    _EXPERIMENT,
-    Column("member", "swept values", get=lambda of: label_of(of.row.run.member)),
-    Column("case", "name of the method in files", get="row.run.method.case"),
-    Column("n_steps", "number N of steps", get="row.run.n_steps"),
-    Column("step_size", "h, in the scene's unit of time", get="row.run.step_size"),
-    *within(
-        "row.prediction",
-        Column("predicted", "stable, unstable or unknown", get="verdict"),
-        Column(
-            "growth_per_step",
-            "natural logarithm of the growth of the worst mode in a step",
-            compared=PREDICTED,
-        ),
-        Column("reason", "of the prediction", compared=None),
-    ),
-)
-REGION_COLUMNS = (
-    _EXPERIMENT,
-    Column("case", "name of the method in files", get="row.method.case"),
-    Column("order", "order of the damping", get=lambda of: float(of.row.order)),
-    Column("points", "number of points of the plane", get=lambda of: int(of.row.level.size)),
+    Column("case", get="row.run.method.case"),
+    Column("n_steps", get="row.run.n_steps"),
+    Column("step_size", get="row.run.step_size"),
+    Column("predicted", get="row.prediction.verdict"),
+    # natural logarithm of the growth of the worst mode in a step
     Column(
-        "stable_share",
-        "share of them that is stable",
-        compared=PREDICTED,
-        get=lambda of: float(of.row.share_stable),
+        "growth_per_step",
+        within=Within(relative=2e-3, absolute=1e-9),
+        get="row.prediction.growth_per_step",
     ),
+    Column("reason", within=None, get="row.prediction.reason"),
 )
 
 
 def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
     """The report on every method, member and step, and on stable shares of planes."""
-    runs = [About(table=table, row=row) for table in tables for row in table.rows]
-    regions = [About(table=table, row=one) for table in tables for one in table.regions]
-    members = (of.row.run.member for of in runs)
-    columns = (*COLUMNS, *member_columns(members, lambda of: of.row.run.member))
-    of_region = ("experiment", "case", "order")
+    items = [Item(table=table, row=row) for table in tables for row in table.rows]
+    experiment = Column("experiment", get="table.experiment.name")
+    swept = member_columns((of.row.run.member for of in items), "row.run.member")
+    columns = (experiment, *swept, *COLUMNS)
     return Report(
         name=f"{name}-stability",
-        sheets=(
-            Sheet.of("runs", columns, runs, ("experiment", "member", "case", "n_steps")),
-            Sheet.of("regions", REGION_COLUMNS, regions, of_region, is_file=False),
-        ),
+        sheets=(Sheet(name="runs", columns=columns, items=items),),
         blocks=list(_blocks(name, tables)),
     )
 
 
 def _blocks(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
-    yield Heading(1, f"Stability: {name}")
-    yield Paragraph(
+    yield f"# Stability: {name}"
+    yield (
         "Every cell gives the factor by which the worst mode grows in one step. UNSTABLE: it "
         f"grows by more than {TOLERATED_GROWTH:.0f} over the run; slow: it grows less over that "
         "number of steps."
     )
     for table in tables:
-        yield Heading(2, table.experiment.name)
+        if len(tables) > 1:
+            yield f"## {table.experiment.name}"
         yield from _rows(table)
-        yield from _regions(table)
+        if table.regions:
+            yield from _regions(table)
 
 
 def _rows(table: StabilityTable) -> Iterator[Block]:
     """A line for every method and member; of many members the number of unstable ones."""
-    swept = any(row.run.member is not None for row in table.rows)
+    lines = {(row.run.method, row.run.member) for row in table.rows}
+    named = any(member for _, member in lines) and len(lines) <= MOST_LINES
     found: dict[tuple[tuple[str, ...], int], list[StabilityRow]] = {}
-    is_long = len({(row.run.method, row.run.member) for row in table.rows}) > MOST_LINES
     for row in table.rows:
-        member = (label_of(row.run.member),) if swept and not is_long else ()
-        found.setdefault(((row.run.method.label, *member), row.run.n_steps), []).append(row)
+        begin = (row.run.method.label, *([label_of(row.run.member)] if named else []))
+        found.setdefault((begin, row.run.n_steps), []).append(row)
     yield pivot(
-        ((begin, f"N = {n}", (_cell(rows),)) for (begin, n), rows in found.items()),
-        corner=("method", "member")[: 1 + (swept and not is_long)],
-        headings={f"N = {n}": (f"N = {n}",) for n in sorted({n for _, n in found})},
+        ((begin, str(n), (_cell(rows),)) for (begin, n), rows in found.items()),
+        corner=("method", "member")[: 1 + named],
+        headings={str(n): (f"N = {n}",) for n in sorted({n for _, n in found})},
     )
 
 
@@ -104,21 +83,18 @@ def _cell(rows: Sequence[StabilityRow]) -> str:
 
 
 def _regions(table: StabilityTable) -> Iterator[Block]:
-    if not table.regions:
-        return
+    """The share of every plane that is stable."""
     first = table.regions[0]
-    yield Paragraph(
-        "Share of the plane of h^2 k/m from "
-        f"{first.stiffness[0]:g} to {first.stiffness[-1]:g} and mu h^(2 - order)/m from "
-        f"{first.damping[0]:g} to {first.damping[-1]:g} (logarithmic) where no mode grows by more "
-        "than 0.1 % in a step:"
+    yield (
+        f"Share of the plane of h^2 k/m from {first.stiffness[0]:g} to {first.stiffness[-1]:g} and "
+        f"mu h^(2 - order)/m from {first.damping[0]:g} to {first.damping[-1]:g} (logarithmic) "
+        "where no mode grows by more than 0.1 % in a step:"
     )
-    orders = sorted({region.order for region in table.regions})
     yield pivot(
         (
             ((one.method.label,), f"{one.order:g}", (f"{100 * one.share_stable:.1f} %",))
             for one in table.regions
         ),
         corner=("method",),
-        headings={f"{order:g}": (f"order {order:g}",) for order in orders},
+        headings={f"{one.order:g}": (f"order {one.order:g}",) for one in table.regions},
     )

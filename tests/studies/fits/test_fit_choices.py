@@ -8,8 +8,8 @@ import pytest
 from measured_responses import response_data
 
 import fvi_cli as fvi
+from fvi_cli.reports import to_text
 from fvi_cli.reports.kinds.fit import fit_report
-from fvi_cli.reports.writers import to_markdown
 from fvi_cli.studies.fits.fitting import fit_model
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.result import FitResult, ModelFit
@@ -110,9 +110,9 @@ def test_what_failed_says_what_cannot_be_separated_and_comes_last():
     good = replace(found, model=replace(found.model, name="at its end"))
     settings = FitSettings(data=tuple(data), models=(described, good.model))
     result = FitResult(name="two", settings=settings, models=(failed, good))
-    words = to_markdown(fit_report("two", [result]).blocks)
-    assert words.index("| at its end") < words.index("| not at its end")
-    assert "No fit: long. The best point so far:" in words
+    words = to_text(fit_report("two", [result]).blocks)
+    assert words.index("at its end") < words.index("not at its end")
+    assert "not at its end: no fit: long" in words
 
 
 def test_a_search_without_end_is_told_in_one_sentence():
