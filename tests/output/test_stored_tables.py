@@ -52,7 +52,7 @@ def test_a_write_that_fails_leaves_the_old_file_whole(tmp_path, monkeypatch):
     write(tmp_path, BASE)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr("fvi_cli.storage.files.os.fsync", _no_space)
+        patch.setattr("os.fsync", _no_space)
         with pytest.raises(StorageError, match="no space"):
             write(tmp_path, table_of(count=3))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
