@@ -162,7 +162,7 @@ def energy_slope(method: AnyMethod, n_steps: int) -> tuple[float, float]:
     return float(slope), float(np.abs(error).max())
 
 
-@pytest.mark.parametrize("n_steps", [100_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("n_steps", [30_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_energy_of_the_pendulum_does_not_drift(n_steps):
     slope, largest = energy_slope(METHODS[1], n_steps)
     assert abs(slope) < 1e-13

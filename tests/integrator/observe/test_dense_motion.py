@@ -107,14 +107,12 @@ def test_whoever_evaluates_a_chaotic_motion_finds_the_same():
     assert np.abs(run(times) - run.position).max() < 1e-13
     assert np.abs(run(times)[:, 0] - found["x"]).max() < 1e-13
     assert np.abs(run.velocity(times)[:, 0] - found["v"]).max() < 1e-12
-    for name, k in (("x", 100), ("x", 301), ("v", 301)):
-        ask = fvi.position_at if name == "x" else fvi.velocity_at
-        by_motion = fvi.gradient(CHAOS, "gauss4", 1680, ask(float(times[k])))
-        by_formula = fvi.gradient(
-            CHAOS, "gauss4", 1680, fvi.quantity_at("x" if name == "x" else "vx", float(times[k]))
-        )
-        assert by_motion.value == pytest.approx(found[name][k], abs=1e-12)
-        assert by_formula.value == pytest.approx(found[name][k], abs=1e-12)
+    for name, quantity in (
+        ("x", fvi.position_at(float(times[301]))),
+        ("v", fvi.quantity_at("vx", float(times[301]))),
+    ):
+        by_gradient = fvi.gradient(CHAOS, "gauss4", 1680, quantity, ["initial_position"])
+        assert by_gradient.value == pytest.approx(found[name][301], abs=1e-12)
     # the control: another method has parted from this one
     other = fvi.integrate(CHAOS, "gauss5", 1680, output=times)
     assert np.abs(other.position - run.position).max() > 0.1
