@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -42,6 +43,8 @@ FigureKind = Literal[
     "spectrum",
 ]
 """Kinds of figures that ``Experiment.figures`` may name."""
+_graded = functools.lru_cache(maxsize=64)(graded_mesh)
+"""Members share one mesh, and so are a batch."""
 UNITS = ("time", "length", "velocity", "acceleration", "force", "momentum", "energy")
 """Keys of ``units`` other than names of coordinates and quantities."""
 STAGES_BYTES = 10_000_000
@@ -224,7 +227,7 @@ class Run(Subject):
         grading, scene = self.experiment.grading, self.problem.scene
         if grading == 1.0 or scene is None:
             return self.n_steps
-        return graded_mesh(scene.final_time, self.n_steps, grading, scene.break_points)
+        return _graded(scene.final_time, self.n_steps, grading, scene.break_points)
 
     @property
     def times(self) -> NDArray[np.float64]:
