@@ -41,7 +41,6 @@ def commands() -> str:
             lines += ["", *helped] if helped else []
             lines += ["", "| option | effect |", "|---|---|", *own] if own else []
             lines += ["", f"Also: {', '.join(f'`{one}`' for one in common)}."] if common else []
-            lines += ["", "```sh", *member.examples, "```"] if member.examples else []
     return "\n".join([*lines, "", ""])
 
 

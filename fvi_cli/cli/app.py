@@ -5,35 +5,21 @@ The commands import the rest of the project only when they run, so that ``--help
 
 from __future__ import annotations
 
+import io
 import signal
 import sys
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Annotated, NoReturn
 
 import typer
 
 import fvi_cli
 from fvi_cli.cli import compute, files
+from fvi_cli.cli.command import COMMANDS
 from fvi_cli.cli.exits import DONE
 
-COMMANDS = (
-    compute.run,
-    compute.convergence,
-    compute.plot,
-    compute.quantities,
-    compute.cost,
-    compute.stability,
-    compute.fit,
-    compute.modes,
-    compute.response,
-    files.show,
-    files.export,
-    files.new,
-    files.check,
-    files.list_,
-    files.guide,
-)
+__all__ = ["COMMANDS", "app", "command_line", "compute", "files"]
 
 
 def app(arguments: Sequence[str] = ()) -> typer.Typer:
@@ -51,22 +37,20 @@ def app(arguments: Sequence[str] = ()) -> typer.Typer:
     made.callback(invoke_without_command=True)(_root)
     named = [one for one in COMMANDS if one.name in arguments[:1]]
     for one in named or COMMANDS:
-        epilog = "\n\n".join(["Examples:", *one.examples]) if one.examples else None
-        made.command(one.name, rich_help_panel=one.panel, epilog=epilog)(one.callback)
+        made.command(one.name, rich_help_panel=one.panel)(one.callback)
     return made
 
 
-def command_line() -> Callable[[], object]:
-    """A function that runs the command ``fvi``; building it takes a moment but starts nothing."""
-    command = typer.main.get_command(app(sys.argv[1:]))
-
-    def carried_out() -> None:
-        signal.signal(signal.SIGTERM, _interrupt)
-        # overflows need no warning: the status of a run reports them
-        warnings.filterwarnings("ignore", category=RuntimeWarning)
-        command(prog_name="fvi")
-
-    return carried_out
+def command_line() -> None:
+    """Run the command ``fvi``."""
+    # names of files may contain any bytes, and a terminal may only support ASCII
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    signal.signal(signal.SIGTERM, _interrupt)
+    # overflows need no warning: the status of a run reports them
+    warnings.filterwarnings("ignore", category=RuntimeWarning)
+    app(sys.argv[1:])(prog_name="fvi")
 
 
 def _interrupt(signal_number: int, frame: object) -> NoReturn:

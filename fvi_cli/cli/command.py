@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from fvi_cli.cli import options
 from fvi_cli.cli.exits import CHECK_FAILED, DONE, RUN_FAILED, guarded
@@ -45,9 +45,7 @@ class Call:
     json: options.Json = False
     quiet: options.Quiet = False
     verbose: options.Verbose = False
-    files: list[Path] = field(init=False, default_factory=list)
-    rows: dict[str, list[object]] = field(init=False, default_factory=dict)
-    differences: list[str] = field(init=False, default_factory=list)
+    document: dict[str, list[object]] = field(init=False, default_factory=dict)
     failures: list[str] = field(init=False, default_factory=list)
 
     def gather(self, sources: Sequence[str]) -> list[LoadedConfig]:
@@ -64,8 +62,8 @@ class Call:
             run, workers=self.workers, dask=self.dask, keep=not self.check, **more
         )
         if self.shard != WHOLE:
-            # the parts of others are not there
-            show = self._name_parts
+            # parts of others are missing
+            show = lambda config, _: self.wrote([self.output / f"{config.name}.partial"])  # noqa: E731
         shared = {name: getattr(self, name) for name in ("output", "fresh", "shard")}
         return self.each(sources, plan, compute, show, **shared)
 
@@ -81,14 +79,12 @@ class Call:
 
         With ``--dry-run`` print the tasks.
         """
-        from fvi_cli.render.json import document
         from fvi_cli.render.results import failures
-        from fvi_cli.render.runs import columns_of
 
         configs = self.gather(sources)
         if self.dry_run:
-            rows = [task.row for config in configs for task in tasks(config, **settings)]
-            print(document(tasks=rows) if self.json else columns_of(rows, memory_bytes=","))
+            listed = [task.row for config in configs for task in tasks(config, **settings)]
+            self.print_rows(tasks=listed)
             return DONE
         for config in configs:
             results = compute(config, progress=not self.quiet, **settings)
@@ -97,8 +93,13 @@ class Call:
             (show or self.show)(config, results)
         return self.close()
 
-    def _name_parts(self, config: LoadedConfig, results: Results) -> None:
-        self.wrote([self.output / f"{config.name}.partial"])
+    def print_rows(self, **rows: Sequence[Mapping[str, object]]) -> None:
+        """Print rows under one name, as a document or as columns."""
+        from fvi_cli.render.json import document
+        from fvi_cli.render.runs import columns_of
+
+        ((_, own),) = rows.items()
+        print(document(**rows) if self.json else columns_of(own, memory_bytes=","))
 
     def show(self, config: LoadedConfig, results: Results) -> None:
         """Print and write results, or with ``--check`` find differences from stored ones."""
@@ -106,10 +107,10 @@ class Call:
         from fvi_cli.render.results import report_on, write
 
         report = report_on(results, config.name)
-        if self.json:
-            self.collect({one.name: [dict(row) for row in one.rows] for one in report.sheets})
+        for sheet in report.sheets if self.json else ():
+            self.collect(sheet.name, [dict(row) for row in sheet.rows])
         if self.check:
-            self.differences += reports.compare(self.output / "tables", report)
+            self.collect("differences", reports.compare(self.output / "tables", report))
             return
         if not self.json:
             print(reports.to_text(report.shown), "", sep="\n")
@@ -117,48 +118,46 @@ class Call:
 
     def wrote(self, paths: Sequence[Path]) -> None:
         """Name the files that were written."""
-        self.files += paths
+        self.collect("files", [path.as_posix() for path in paths])
         if not self.json and paths:
             print(*paths, sep="\n")
 
-    def collect(self, rows: Mapping[str, Sequence[object]]) -> None:
+    def collect(self, name: str, rows: Sequence[object]) -> None:
         """Keep rows for the JSON document."""
-        for name, own in rows.items():
-            self.rows.setdefault(name, []).extend(own)
+        self.document.setdefault(name, []).extend(rows)
 
     def close(self) -> int:
         """Print the JSON document or the outcome of a check; returns the exit code."""
+        differences = self.document.get("differences", [])
         if self.json:
             from fvi_cli.render.json import document
 
-            files = [path.as_posix() for path in self.files]
-            found = {"differences": self.differences} if self.check else {"files": files}
-            print(document(**found, **self.rows))
+            print(document(**self.document))
         elif self.check:
-            print(*(self.differences or ["up to date"]), sep="\n")
+            print(*(differences or ["up to date"]), sep="\n")
         for line in self.failures:
             _logger.error("%s", line)
         if self.failures:
             return RUN_FAILED
-        return CHECK_FAILED if self.differences else DONE
+        return CHECK_FAILED if differences else DONE
 
 
-@dataclass(frozen=True, kw_only=True)
-class Command:
+class Command(NamedTuple):
     """A command as typer registers it."""
 
     name: str
     panel: str  # under which heading it is listed
-    examples: tuple[str, ...]
     callback: Callable[..., None]
 
 
-def command(
-    panel: str, *shared: str, examples: Sequence[str] = ()
-) -> Callable[[Callable[..., int]], Command]:
+COMMANDS: list[Command] = []
+"""All commands, in the order of the help."""
+
+
+def command(panel: str, *shared: str) -> Callable[[Callable[..., int]], None]:
     """Make a function of a :class:`Call` a command with these of its options, after its own."""
 
-    def made(body: Callable[..., int]) -> Command:
+    def register(body: Callable[..., int]) -> None:
         known = inspect.signature(Call, eval_str=True).parameters
         chosen = [known[name] for name in (*shared, "quiet", "verbose")]
         _, *own = inspect.signature(body, eval_str=True).parameters.values()
@@ -171,7 +170,6 @@ def command(
         called.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
             [one.replace(kind=inspect.Parameter.KEYWORD_ONLY) for one in (*own, *chosen)]
         )
-        name = body.__name__.rstrip("_")
-        return Command(name=name, panel=panel, examples=tuple(examples), callback=guarded(called))
+        COMMANDS.append(Command(body.__name__.rstrip("_"), panel, guarded(called)))
 
-    return made
+    return register

@@ -32,11 +32,7 @@ FIGURES = (
 """Configurations of the paper."""
 
 
-@command(
-    COMPUTE,
-    *RUNS,
-    examples=("fvi run damped-oscillator", "fvi run mine.yaml -j 4 --set problem.stiffness=2"),
-)
+@command(COMPUTE, *RUNS)
 def run(
     call: Call,
     sources: Sources,
@@ -44,15 +40,18 @@ def run(
         bool, typer.Option("--prune", help="Drop stored runs that are no longer asked for.")
     ] = False,
 ) -> int:
-    """Compute every method of a configuration on every step size; store what comes out."""
+    """Compute every method of a configuration on every step size; store what comes out.
+
+    For example: fvi run mine.yaml -j 4 --set problem.stiffness=2
+    """
     from fvi_cli.render.json import finished_run
     from fvi_cli.render.runs import runs_as_text
     from fvi_cli.runner.request import file_of
 
     def show(config: LoadedConfig, outcomes: list[Outcome]) -> None:
         if call.json:
-            finished = [one for outcome in outcomes for one in outcome.finished]
-            call.collect({"runs": list(map(finished_run, finished))})
+            found = [finished_run(one) for outcome in outcomes for one in outcome.finished]
+            call.collect("runs", found)
         else:
             print(runs_as_text(outcomes, every_member=call.verbose))
         path = file_of(config, call.output)
@@ -61,12 +60,7 @@ def run(
     return call.runs(sources, show, prune=prune, keeps_motions=False)
 
 
-@command(
-    REPORT,
-    *RUNS,
-    "check",
-    examples=("fvi convergence damped-oscillator", "fvi convergence results/mine.h5"),
-)
+@command(REPORT, *RUNS, "check")
 def convergence(call: Call, sources: UsualSources = None) -> int:
     """Make tables of orders; without arguments, those of the paper and of full order."""
     from fvi_cli.render.results import order_tables
@@ -76,15 +70,12 @@ def convergence(call: Call, sources: UsualSources = None) -> int:
     )
 
 
-@command(
-    REPORT,
-    *RUNS,
-    "formats",
-    "style",
-    examples=("fvi plot damped-oscillator", "fvi plot results/mine.h5 --style thesis.mplstyle"),
-)
+@command(REPORT, *RUNS, "formats", "style")
 def plot(call: Call, sources: UsualSources = None) -> int:
-    """Draw figures, from stored runs where there are any; without arguments, the paper's."""
+    """Draw figures, from stored runs where there are any; without arguments, the paper's.
+
+    For example: fvi plot results/mine.h5 --style thesis.mplstyle
+    """
     from fvi_cli import plotting
     from fvi_cli.render.figures import write_figures
     from fvi_cli.render.results import studies
@@ -102,7 +93,7 @@ def plot(call: Call, sources: UsualSources = None) -> int:
         return call.runs(sources or FIGURES, show)
 
 
-@command(REPORT, *RUNS, "check", examples=("fvi quantities three-designs",))
+@command(REPORT, *RUNS, "check")
 def quantities(call: Call, sources: Sources) -> int:
     """Make tables of quantities (peak, its time, RMS) and events of every run."""
     from fvi_cli.render.results import quantities as observed
@@ -113,13 +104,11 @@ def quantities(call: Call, sources: Sources) -> int:
     )
 
 
-@command(COMPUTE, *STUDY, examples=("fvi cost damped-oscillator --repeats 9",))
+@command(COMPUTE, *STUDY)
 def cost(
     call: Call,
     configs: Configs,
-    repeats: Annotated[
-        int, typer.Option("--repeats", min=1, metavar="N", help="How often every run is timed.")
-    ] = 5,
+    repeats: Annotated[int, typer.Option(min=1, help="How often every run is timed.")] = 5,
 ) -> int:
     """Measure error, time and work of every method and baseline, one run after the other."""
     from fvi_cli.runner import cost as study
@@ -127,7 +116,7 @@ def cost(
     return call.each(configs, study.cost_tasks, study.cost, repeats=repeats)
 
 
-@command(COMPUTE, *STUDY, examples=("fvi stability stability-bagley-torvik",))
+@command(COMPUTE, *STUDY)
 def stability(call: Call, configs: Configs) -> int:
     """Predict the stability of every method over steps and parameters."""
     from fvi_cli.runner import stability as study
@@ -135,7 +124,7 @@ def stability(call: Call, configs: Configs) -> int:
     return call.each(configs, study.stability_tasks, study.stability)
 
 
-@command(COMPUTE, *STUDY, examples=("fvi fit fit-response",))
+@command(COMPUTE, *STUDY)
 def fit(call: Call, configs: Configs) -> int:
     """Fit numbers of a problem to measured motions, with confidence intervals.
 
@@ -152,19 +141,13 @@ def fit(call: Call, configs: Configs) -> int:
     return call.each(configs, study.fit_tasks, study.fit, show)
 
 
-@command(LINEAR, *STUDY, examples=("fvi modes ten-storeys --count 4",))
+@command(LINEAR, *STUDY)
 def modes(
     call: Call,
     configs: Configs,
-    count: Annotated[
-        int | None,
-        typer.Option("--count", metavar="N", help="How many; default 10, or all if fewer."),
-    ] = None,
+    count: Annotated[int | None, typer.Option(help="How many; default 10.")] = None,
     near: Annotated[
-        float | None,
-        typer.Option(
-            "--near", metavar="HZ", help="Those nearest to a frequency; default: the lowest."
-        ),
+        float | None, typer.Option(help="Those nearest to a frequency; default: the lowest.")
     ] = None,
 ) -> int:
     """Compute modes of linear scenes with their damping, and count whether any is missing.
@@ -176,42 +159,38 @@ def modes(
     return call.each(configs, study.modes_tasks, study.modes, count=count, near=near)
 
 
-@command(
-    LINEAR,
-    *STUDY,
-    examples=("fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'",),
-)
+@command(LINEAR, *STUDY)
 def response(
     call: Call,
     configs: Configs,
     frequency: Annotated[
         str,
         typer.Option(
-            "--frequency",
             metavar="FROM:TO:N[:log]",
-            help="Frequencies in oscillations per unit of time, Hz for seconds, as in 0.2:8:400.",
+            help="In oscillations per unit of time, Hz for seconds, as in 0.2:8:400.",
         ),
     ],
     force: Annotated[
         list[str] | None,
         typer.Option(
-            "--force",
             metavar="WHERE[=AMPLITUDE]",
-            help="A coordinate or a combination such as 'x2 - x1', or ground: an acceleration "
-            "of 1; repeatable. Default: the ground, where it moves.",
+            help="A coordinate, a combination such as 'x2 - x1', or ground: an acceleration of 1; "
+            "repeatable. Default: the ground, where it moves.",
         ),
     ] = None,
     at: Annotated[
         list[str] | None,
         typer.Option(
-            "--at",
             metavar="WHERE",
-            help="Outputs to report: coordinates, combinations, accelerations such as ax5, "
-            "quantities; repeatable. Default: the coordinate that moves most.",
+            help="Outputs: coordinates, combinations, accelerations such as ax5, quantities; "
+            "repeatable. Default: the coordinate that moves most.",
         ),
     ] = None,
 ) -> int:
-    """Compute steady responses: magnitude, phase, peaks, half-power loss factors."""
+    """Compute steady responses: magnitude, phase, peaks, half-power loss factors.
+
+    For example: fvi response ten-storeys --frequency 0.2:8:400 --force ground --at 'x10 - x9'
+    """
     from fvi_cli.runner import vibration as study
 
     return call.each(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import re
-import textwrap
 from pathlib import Path
 from typing import Annotated
 
@@ -12,19 +11,14 @@ import typer
 
 from fvi_cli.cli.command import Call, command
 from fvi_cli.cli.exits import DONE
-from fvi_cli.cli.options import Configs, ResultFile, shipped_names
-from fvi_cli.errors import RequestError
+from fvi_cli.cli.options import Configs, shipped_names
 
 _logger = logging.getLogger("fvi_cli")
 
 FILES, CONFIGURATIONS = "Result files", "Configurations"
 
 
-@command(
-    FILES,
-    "json",
-    examples=("fvi show results/mine.h5", "fvi show three-designs --config > mine.yaml"),
-)
+@command(FILES, "json")
 def show(
     call: Call,
     file: Annotated[
@@ -39,7 +33,10 @@ def show(
         bool, typer.Option("--config", help="Print the configuration that made the file.")
     ] = False,
 ) -> int:
-    """List what a result file holds, or print the configuration that made it."""
+    """List what a result file holds, or print the configuration that made it.
+
+    For example: fvi show three-designs --config > mine.yaml
+    """
     from fvi_cli.config import find_config
     from fvi_cli.render.json import contents_as_json
     from fvi_cli.render.runs import contents_as_text
@@ -64,8 +61,11 @@ def show(
     return DONE
 
 
-@command(FILES, "output", examples=("fvi export results/mine.h5",))
-def export(call: Call, file: ResultFile) -> int:
+@command(FILES, "output")
+def export(
+    call: Call,
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")],
+) -> int:
     """Write every run of a result file as CSV."""
     from fvi_cli.storage.export import export_file
 
@@ -73,23 +73,12 @@ def export(call: Call, file: ResultFile) -> int:
     return DONE
 
 
-def _kinds(incomplete: str) -> list[str]:
-    from fvi_cli.scenes.registry import KINDS
-
-    return [kind for kind in KINDS if kind.startswith(incomplete)]
-
-
 @command(CONFIGURATIONS)
 def new(
     call: Call,
     name: Annotated[str, typer.Argument(metavar="NAME", help="Name of the experiment.")],
-    kind: Annotated[
-        str,
-        typer.Option("--kind", metavar="KIND", help="Kind of the problem.", autocompletion=_kinds),
-    ] = "damped-oscillator",
-    schema: Annotated[
-        bool, typer.Option("--schema", help="Write the JSON schema for editors beside it.")
-    ] = False,
+    kind: Annotated[str, typer.Option(help="Kind of the problem.")] = "damped-oscillator",
+    schema: Annotated[bool, typer.Option("--schema", help="And a JSON schema.")] = False,
 ) -> int:
     """Write a commented configuration NAME.yaml to start from."""
     from fvi_cli.render.starter import write_starter
@@ -100,36 +89,18 @@ def new(
 
 @command(CONFIGURATIONS, "overrides", "json")
 def check(call: Call, configs: Configs) -> int:
-    """Validate configurations and compute nothing."""
+    """Validate configurations and compute nothing; with -v say which names formulas know."""
     from fvi_cli.config.names import names_along
-    from fvi_cli.render.json import document
     from fvi_cli.scenes.problem import Problem
 
-    try:
-        loaded = call.gather(configs)
-    except RequestError as error:
-        if call.json:
-            print(document(valid=False, configurations=[], complaints=error.complaints))
-        raise
-    found = [
-        {
-            "file": str(one.path),
-            "name": one.name,
-            "experiments": [{"name": e.name, "runs": len(e.runs())} for e in one.experiments],
-        }
-        for one in loaded
-    ]
-    if call.json:
-        print(document(valid=True, configurations=found, complaints=[]))
-        return DONE
-    for config in loaded:
-        experiments = config.experiments
-        runs = sum(len(one.runs()) for one in experiments)
-        print(f"{config.path}: valid, experiments: {len(experiments)}, runs: {runs}")
-        for one in experiments if call.verbose else ():
-            if isinstance(one.problem, Problem):
-                names = ", ".join(names_along(one.problem, one.problem.ready))
-                print(f"  {one.name}: formulas know {names}")
+    rows = []
+    for config in call.gather(configs):
+        for one in config.experiments:
+            row = {"valid": str(config.path), "experiment": one.name, "runs": len(one.runs())}
+            if call.verbose and isinstance(one.problem, Problem):
+                row["names"] = ", ".join(names_along(one.problem, one.problem.ready))
+            rows.append(row)
+    call.print_rows(experiments=rows)
     return DONE
 
 
@@ -139,12 +110,7 @@ def list_(call: Call) -> int:
     from fvi_cli.config import shipped_titles
 
     titles = shipped_titles()
-    if call.json:
-        from fvi_cli.render.json import document
-
-        print(document(configurations=[{"name": n, "title": t} for n, t in titles.items()]))
-    else:
-        print(_in_columns(titles))
+    call.print_rows(configurations=[{"name": n, "title": t} for n, t in titles.items()])
     return DONE
 
 
@@ -152,8 +118,7 @@ def list_(call: Call) -> int:
 def guide(
     call: Call,
     page: Annotated[
-        str | None,
-        typer.Argument(metavar="PAGE", help="Name of a page; without it, list all names."),
+        str | None, typer.Argument(metavar="PAGE", help="A page; without it, list all.")
     ] = None,
 ) -> int:
     """Show a page of the guide, or list the pages."""
@@ -162,11 +127,11 @@ def guide(
     if page is not None:
         print(guide_page(page))
         return DONE
-    for group, pages in guide_pages().items():
-        print(f"{group}:\n{textwrap.indent(_in_columns(pages), '  ')}\n")
+    call.print_rows(
+        pages=[
+            {"group": group, "page": name, "title": title}
+            for group, pages in guide_pages().items()
+            for name, title in pages.items()
+        ]
+    )
     return DONE
-
-
-def _in_columns(titles: dict[str, str]) -> str:
-    width = max(map(len, titles)) + 2
-    return "\n".join(f"{name:<{width}}{title}" for name, title in titles.items())

@@ -15,25 +15,20 @@ def shipped_names(incomplete: str) -> list[str]:
     return [name for name in shipped_configs() if name.startswith(incomplete)]
 
 
-CLUSTERS = "Clusters"
-
 _sources = typer.Argument(
     metavar="CONFIG|FILE.h5",
     help="Files, names of shipped configurations, or results of `fvi run`.",
     autocompletion=shipped_names,
 )
-Configs = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="CONFIG",
-        help="Files, or names of shipped configurations.",
-        autocompletion=shipped_names,
-    ),
-]
+_configs = typer.Argument(
+    metavar="CONFIG",
+    help="Files, or names of shipped configurations.",
+    autocompletion=shipped_names,
+)
+Configs = Annotated[list[str], _configs]
 Sources = Annotated[list[str], _sources]
 UsualSources = Annotated[list[str] | None, _sources]
 """The same for commands that have defaults."""
-ResultFile = Annotated[Path, typer.Argument(metavar="FILE.h5", help="Results of `fvi run`.")]
 
 Output = Annotated[
     Path, typer.Option("-o", "--output", metavar="DIR", help="Folder for all that is written.")
@@ -51,39 +46,22 @@ Workers = Annotated[
 ]
 Dask = Annotated[
     str | None,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        rich_help_panel=CLUSTERS,
-        help="Compute on the workers of an existing Dask scheduler, such as tcp://host:8786.",
-    ),
+    typer.Option(metavar="ADDRESS", help="Compute on a Dask scheduler, such as tcp://host:8786."),
 ]
 Shard = Annotated[
     str,
-    typer.Option(
-        "--shard",
-        metavar="I/N",
-        rich_help_panel=CLUSTERS,
-        help="Compute only the I-th of N parts, into the common folder of parts.",
-    ),
+    typer.Option(metavar="I/N", help="Compute only the I-th of N parts, into one folder of parts."),
 ]
-Fresh = Annotated[
-    bool, typer.Option("--fresh", help="Compute and write again what is stored already.")
-]
+Fresh = Annotated[bool, typer.Option("--fresh", help="Compute again what is stored already.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be done, and stop.")]
-Check = Annotated[
-    bool, typer.Option("--check", help="Compare with the stored files; do not write.")
-]
+Check = Annotated[bool, typer.Option("--check", help="Compare with stored tables; write nothing.")]
 Formats = Annotated[
     list[str] | None,
     typer.Option("--format", metavar="png|pdf|svg", help="Format of figures; repeatable."),
 ]
 Style = Annotated[
-    str | None,
-    typer.Option("--style", metavar="STYLE", help="A Matplotlib style: its name, or a file."),
+    str | None, typer.Option(metavar="STYLE", help="A Matplotlib style: its name, or a file.")
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Only results and errors.")]
-Verbose = Annotated[
-    bool, typer.Option("-v", "--verbose", help="Say more; show tracebacks of unexpected errors.")
-]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more, with tracebacks.")]
