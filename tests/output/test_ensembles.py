@@ -56,7 +56,7 @@ def test_the_figure_has_a_mean_and_the_edges_of_two_bands(outcome):
     for axes, one in zip(figure.axes, ensembles(outcome.finished, ["x", "speed"]), strict=True):
         (mean,) = (line for line in axes.lines if line.get_label() == "mean")
         assert np.array_equal(mean.get_ydata(), one.mean)
-        inner, outer = axes.collections
+        outer, inner = axes.collections
         for band, low, high in (
             (inner, one.mean - one.deviation, one.mean + one.deviation),
             (outer, one.values.min(axis=0), one.values.max(axis=0)),
