@@ -13,7 +13,6 @@ from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
 from fvi_cli.config import configuration_reference, parse_config
-from fvi_cli.scenes.registry import KINDS
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -138,7 +137,6 @@ def test_a_new_configuration_may_come_with_its_schema(tmp_path, monkeypatch):
         ("fvi run damped", {"damped-oscillator", "damped-oscillator-comparison"}),
         ("fvi plot damped-oscillator ken", set()),
         ("fvi cost cost-pend", {"cost-pendulum"}),
-        ("fvi new mine --kind ", set(KINDS)),
     ],
 )
 def test_the_shell_completes(typed, proposed):

