@@ -34,32 +34,33 @@ DECADES = 60.0  # an axis that spans a smaller factor has ticks between the powe
 
 @journal_style()
 def figure(
-    rows: Sequence[Sequence[Any]],
+    panels: Sequence[Any],
     painter: Painter | Sequence[Painter],
     *,
+    columns: int = 1,
     height: float | Sequence[float] = 2.0,
-    is_wide: bool = False,
     sharex: Share = False,
     sharey: Share = False,
     heading: str = "",
     bar: str = "",
     finish: Callable[[Sequence[Axes], Sequence[Any]], None] | None = None,
 ) -> Figure:
-    """A figure of panels in rows and columns; an entry None is left empty.
+    """A figure of panels, row by row, one or two columns of a journal wide; None leaves a gap.
 
     `painter` is one for all panels, or one for each row; `height` is in inches, of every row. The
     legend has this `heading`. A colour `bar` of that name shows the numbers of curves.
     """
-    heights = [height] * len(rows) if isinstance(height, int | float) else list(height)
-    columns = len(rows[0])
+    placed = [*panels, *[None] * (-len(panels) % columns)]
+    count = len(placed) // columns
+    heights = [height] * count if isinstance(height, int | float) else list(height)
     width, unit = rcParams["figure.figsize"]
-    made = Figure(figsize=(width * (_WIDE if is_wide else 1.0), sum(heights) * unit / _ROW))
+    made = Figure(figsize=(width * (_WIDE if columns > 1 else 1.0), sum(heights) * unit / _ROW))
     made.set_layout_engine("constrained")
     grid = made.subplots(
-        len(rows), columns, squeeze=False, sharex=sharex, sharey=sharey, height_ratios=heights
+        count, columns, squeeze=False, sharex=sharex, sharey=sharey, height_ratios=heights
     )
-    places = zip(grid.flat, [panel for row in rows for panel in row], strict=True)
-    used = [(k, *pair) for k, pair in enumerate(places) if pair[1] or pair[0].set_axis_off()]
+    places = enumerate(zip(grid.flat, placed, strict=True))
+    used = [(k, *pair) for k, pair in places if pair[1] or pair[0].set_axis_off()]
     colours = _colours([panel for *_, panel in used]) if bar else None
     for number, (place, axes, panel) in enumerate(used):
         row, column = divmod(place, columns)
@@ -67,8 +68,8 @@ def figure(
         paint(axes, panel if colours is None else _coloured(panel, colours))
         letter = rf"$\mathbf{{{chr(97 + number % 26)}}}$  " if len(used) > 1 else ""
         axes.set_title(letter + panel.title)
-        is_covered = bool(sharex and row + 1 < len(rows) and rows[row + 1][column] is not None)
-        is_beside = bool(sharey and column and rows[row][column - 1] is not None)
+        is_covered = sharex and place + columns < len(placed) and placed[place + columns]
+        is_beside = sharey and column and placed[place - 1]
         axes.tick_params(labelbottom=not is_covered)
         axes.set_xlabel("" if is_covered else wrap(panel.x, _PER_INCH * width / columns))
         axes.set_ylabel("" if is_beside else wrap(panel.y, _PER_INCH * heights[row]))
@@ -77,7 +78,7 @@ def figure(
         finish([axes for _, axes, _ in used], [panel for *_, panel in used])
     if colours is not None:
         made.colorbar(colours, ax=list(grid.flat), location="top", aspect=40, label=wrap(bar, 50))
-    _add_legend(made, heading, is_right=is_wide and columns < 3)
+    _add_legend(made, heading, is_right=columns == 2)
     return made
 
 

@@ -6,32 +6,35 @@ from collections.abc import Callable, Mapping, Sequence
 
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.kinds.against import response_spectrum_figure, settings_figure
+from fvi_cli.plotting.kinds.against import against_figure, ensemble_figure, spectrum_figure
 from fvi_cli.plotting.kinds.convergence import (
     Study,
-    check_errors,
     convergence_figure,
+    has_errors,
+    saturation_figure,
     sweep_convergence_figure,
 )
 from fvi_cli.plotting.kinds.motions import (
     balance_figure,
     energy_figure,
     error_figure,
-    sweep_trajectory_figure,
+    quantities_figure,
     trajectory_figure,
 )
-from fvi_cli.plotting.kinds.paths import path_figure, phase_figure, waterfall_figure
-from fvi_cli.plotting.kinds.planes import hysteresis_figure, section_figure
-from fvi_cli.plotting.kinds.quantities import quantities_figure
-from fvi_cli.plotting.kinds.saturation import saturation_figure
+from fvi_cli.plotting.kinds.planes import (
+    hysteresis_figure,
+    path_figure,
+    phase_figure,
+    section_figure,
+    waterfall_figure,
+)
 from fvi_cli.plotting.panels import NothingToDraw
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.figure_settings import FigureSettings
 
-Draw = Callable[[Experiment, Sequence[FinishedRun]], Figure]
-
-_OF_SCENES: Mapping[str, Draw] = {
+_DRAWINGS: Mapping[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
+    "convergence": sweep_convergence_figure,
     "trajectory": trajectory_figure,
     "energy": energy_figure,
     "error": error_figure,
@@ -42,14 +45,7 @@ _OF_SCENES: Mapping[str, Draw] = {
     "quantities": quantities_figure,
     "section": section_figure,
     "hysteresis": hysteresis_figure,
-}
-_OF_MEMBERS: Mapping[str, Draw] = {
-    "convergence": sweep_convergence_figure,
-    "trajectory": sweep_trajectory_figure,
-    "quantities": quantities_figure,
-    "section": section_figure,
-    "hysteresis": hysteresis_figure,
-    "spectrum": response_spectrum_figure,
+    "spectrum": spectrum_figure,
 }
 _USUAL = ("trajectory", "energy", "error", "quantities")
 _LEAST_LADDER = 3
@@ -73,45 +69,41 @@ def draw_figures(studies: Sequence[Study], *, name: str) -> tuple[dict[str, Figu
         figures[title] = saturation_figure(derivatives)
     for study in studies:
         experiment, finished = study
-        for one in experiment.figures or ("convergence", *_USUAL):
+        for one in experiment.figures or _usual(finished):
             title = one.file_name if isinstance(one, FigureSettings) else one
-            if title == "convergence" and study in derivatives:
-                continue
+            is_ladder = title == "convergence" and not experiment.members
             try:
-                made = _draw(experiment, finished, one)
+                if is_ladder and study in derivatives:
+                    continue
+                if is_ladder and has_errors(finished):
+                    ladders.append(study)
+                else:
+                    figures[f"{experiment.name}-{title}"] = _draw(experiment, finished, one)
             except NothingToDraw as reason:
                 if experiment.figures:
                     reasons.append(f"{experiment.name}: no {title} figure, since {reason}")
-                continue
-            if made is None:
-                ladders.append(study)
-            else:
-                figures[f"{experiment.name}-{title}"] = made
-            if title == "convergence" and not experiment.figures:
-                break
     if ladders:
         figures[f"{name}-convergence"] = convergence_figure(ladders)
     return figures, reasons
 
 
+def _usual(finished: Sequence[FinishedRun]) -> tuple[str, ...]:
+    is_ladder = len({one.run.n_steps for one in finished}) >= _LEAST_LADDER
+    return ("convergence",) if is_ladder and has_errors(finished) else _USUAL
+
+
 def _draw(
     experiment: Experiment, finished: Sequence[FinishedRun], one: str | FigureSettings
-) -> Figure | None:
-    """One figure; None for one of orders, which is drawn with those of other experiments."""
+) -> Figure:
+    """One figure, if there is something to draw."""
     if isinstance(experiment.problem, DerivativeProblem):
         raise NothingToDraw("a fractional derivative has the figure of its orders only")
     if not finished:
         raise NothingToDraw("no run was finished")
-    if isinstance(one, FigureSettings):
-        return settings_figure(experiment, finished, one)
-    if one == "convergence":
-        if not experiment.figures and len({item.run.n_steps for item in finished}) < _LEAST_LADDER:
-            raise NothingToDraw("the ladder is short")
-        check_errors(finished)
-        return sweep_convergence_figure(experiment, finished) if experiment.members else None
-    drawn = _OF_MEMBERS if experiment.members else _OF_SCENES
-    if one in drawn:
-        return drawn[one](experiment, finished)
-    if one == "spectrum":
-        raise NothingToDraw("it is drawn of a sweep over stiffness or mass")
-    raise NothingToDraw(f"a sweep has {', '.join(_OF_MEMBERS)}; leave out sweep for one scene")
+    if isinstance(one, str):
+        return _DRAWINGS[one](experiment, finished)
+    if one.section is not None:
+        return section_figure(experiment, finished, one.section, one.after)
+    if one.ensemble is not None:
+        return ensemble_figure(experiment, finished, one.ensemble)
+    return against_figure(experiment, finished, one)

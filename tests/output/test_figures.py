@@ -278,7 +278,6 @@ def test_peaks_and_events_are_drawn_against_the_swept_key():
         ("planet", "waterfall", "made for chain, frame"),
         ("motion", "path", "one coordinate only"),
         ("motion", "spectrum", "sweep over stiffness or mass"),
-        ("3 members", "energy", "leave out sweep for one scene"),
         ("3 members", "spectrum", "sweep over stiffness or mass"),
     ],
 )

@@ -167,7 +167,7 @@ def test_a_line_tells_the_median_and_the_largest_error_and_where_it_is(two_keys)
 @pytest.mark.parametrize("study", ["one_key", "two_keys"])
 def test_figures_have_names_for_a_few_members_and_the_mean_of_many(study, request):
     experiment, finished = request.getfixturevalue(study)
-    experiment = dataclasses.replace(experiment, figures=("convergence", "trajectory", "energy"))
+    experiment = dataclasses.replace(experiment, figures=("convergence", "trajectory", "path"))
     figures, reasons = draw_figures([(experiment, finished)], name="many")
     assert list(figures) == ["many-convergence", "many-trajectory"]
     assert len(reasons) == 1

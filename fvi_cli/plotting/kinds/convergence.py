@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.plotting.draw import figure
-from fvi_cli.plotting.kinds.members import distinguish, member_curves, titles_of
+from fvi_cli.plotting.kinds.runs import by_degree, distinguish, mean_of, members_apart
 from fvi_cli.plotting.ladders import finish_ladders, ladder
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
 from fvi_cli.plotting.style import method_looks, method_names
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import with_unit
-from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.problem import DerivativeProblem, Problem
 from fvi_cli.scenes.registry import kind_title
 from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -37,85 +37,62 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
 
     Methods without a degree of their own, such as Gauss, are in every panel of their experiment.
     """
-    titles = _titles([experiment for experiment, _ in studies])
+    title = _title if len(studies) == 1 else operator.attrgetter("name")
     panels = [
         Panel(
             curves=error_curves(own, names=method_names([one.run.method for one in own])),
-            title=f"{title}, degree {degree}" if degree else title,
+            title=", ".join(filter(None, [title(experiment), degree])),
             **_axes(experiment),
             **explained(own),
         )
-        for title, (experiment, finished) in zip(titles, studies, strict=True)
+        for experiment, finished in studies
         for degree, own in by_degree(finished).items()
     ]
     return _ladders(panels, sharey=len(studies) == 1)
 
 
-def check_errors(finished: Sequence[FinishedRun]) -> None:
-    """Raise :class:`NothingToDraw` where no run has an error and none was lost."""
-    if not any(math.isfinite(one.error) or one.status != "ok" for one in finished):
-        raise NothingToDraw("no error is known; write exact: 1 - cos(t), or a ladder")
+def has_errors(finished: Sequence[FinishedRun]) -> bool:
+    """Whether a run has an error, or was lost."""
+    return any(math.isfinite(one.error) or one.status != "ok" for one in finished)
 
 
 def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the errors of members against the step size, one panel for each method."""
     having = [one for one in finished if is_measured(one) and one.error > 0]
     if not having:
-        raise NothingToDraw("no member has an error above 0")
-    found = distinguish(experiment.members, experiment.units)
-    panels = []
+        raise NothingToDraw("no error is known; write exact: 1 - cos(t), or a ladder")
+    found, panels = distinguish(experiment.members, experiment.units), []
     for case, title in method_names([one.run.method for one in having]).items():
-        own = [one for one in having if one.run.method.case == case]
-        ladders: dict[int, list[FinishedRun]] = {}
-        for one in sorted(own, key=lambda one: one.run.step_size):
-            if one.run.member is not None:
-                ladders.setdefault(one.run.member.number, []).append(one)
-        lines = [
-            (
-                rows[0],
-                np.array([one.run.step_size for one in rows]),
-                np.array([one.error for one in rows]),
+        own = sorted(
+            (one for one in having if one.run.method.case == case),
+            key=lambda one: one.run.step_size,
+        )
+        curves = [
+            Curve(
+                x=np.array([one.run.step_size for one in rows]),
+                y=np.array([one.error for one in rows]),
+                **found.of(rows[0].run.member),
             )
-            for _, rows in sorted(ladders.items())
+            for rows in members_apart(own)
         ]
-        curves, orders = member_curves(found, lines), explained(own)["orders"]
+        curves += mean_of(curves)
+        orders = explained(own)["orders"]
         panels.append(Panel(title=title, curves=curves, orders=orders, **_axes(experiment)))
-    count = len(experiment.members)
-    return _ladders(panels, sharey=True, **titles_of(found, count, experiment.members))
+    return _ladders(panels, sharey=True, **found.titles)
 
 
 def _ladders(panels: Sequence[Panel], *, sharey: bool, **titles: Any) -> Figure:
     """A figure of ladders: one in a column, several in rows of two or three."""
     columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
     return figure(
-        in_rows(panels, columns),
+        panels,
         ladder,
+        columns=columns,
         height=2.9 if columns < 3 else 2.2,
-        is_wide=columns > 1,
         sharey=sharey,
         finish=finish_ladders,
         **titles,
     )
-
-
-def in_rows(panels: Sequence[Any], columns: int) -> list[list[Any]]:
-    """Panels in rows; places of the last one are left empty."""
-    padded = [*panels, *[None] * (-len(panels) % columns)]
-    return [padded[k : k + columns] for k in range(0, len(padded), columns)]
-
-
-def by_degree(finished: Sequence[FinishedRun]) -> dict[int, list[FinishedRun]]:
-    """The runs of every degree of BDF; 0 where there is only one."""
-    degrees = {one: _degree(one.run.method) for one in finished}
-    every = sorted(set(degrees.values()) - {0})
-    if len(every) < 2:
-        return {0: list(finished)}
-    return {degree: [one for one in finished if degrees[one] in (0, degree)] for degree in every}
-
-
-def _degree(method: AnyMethod) -> int:
-    """The degree of a BDF method; 0 of methods that have no choice of it."""
-    return 0 if isinstance(method, Baseline) or method.is_runge_kutta else method.degree
 
 
 def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, str]) -> list[Curve]:
@@ -180,22 +157,70 @@ def _error_label(experiment: Experiment) -> str:
     return rf"{label} ({units['length']} {units['time']}$^{{1/2}}$)" if has_unit else label
 
 
-def _titles(experiments: Sequence[Experiment]) -> list[str]:
-    """Kind and damping orders of every experiment; its name if others have the same."""
-    titles = []
-    for experiment in experiments:
-        problem = experiment.problem
-        title = kind_title(problem.kind)
-        if problem.kind == "lagrangian" or (isinstance(problem, Problem) and problem.scene.laws):
-            title = experiment.name.replace("-", " ")
-        elif isinstance(problem, Problem) and problem.scene.damping:
-            orders = dict.fromkeys(fraction_in_words(term.order) for term in problem.scene.damping)
-            title += rf", $\gamma = {', '.join(orders)}$"
-        titles.append(title)
-    return [
-        title if titles.count(title) == 1 else experiment.name
-        for title, experiment in zip(titles, experiments, strict=True)
-    ]
+def _title(experiment: Experiment) -> str:
+    """Kind and damping orders of an experiment."""
+    problem = experiment.problem
+    if problem.kind == "lagrangian" or not isinstance(problem, Problem):
+        return experiment.name
+    orders = dict.fromkeys(fraction_in_words(term.order) for term in problem.scene.damping)
+    words = rf", $\gamma = {', '.join(orders)}$" if orders else ""
+    return f"{kind_title(problem.kind)}{words}"
+
+
+def saturation_figure(studies: Sequence[Study]) -> Figure:
+    r"""Draw the error of convolution quadrature of :math:`D^\gamma f`, a row for every norm.
+
+    For :math:`f \sim t^b` at 0 the order is :math:`\min(p, b-\gamma)` in the maximum norm over
+    the grid and :math:`\min(p, b+1)` at a fixed time (Lubich, *Discretized fractional calculus*,
+    1986). There is a column for every b.
+    """
+    names = method_names([one.run.method for _, finished in studies for one in finished])
+    found: dict[Norm, dict[float, tuple[Experiment, list[FinishedRun]]]] = {}
+    for experiment, finished in studies:
+        row = found.setdefault(experiment.norm, {})
+        row.setdefault(_exponent(experiment), (experiment, []))[1].extend(finished)
+    columns = sorted({b for row in found.values() for b in row})
+    return figure(
+        [
+            _saturation(*row[b], b, names) if b in row else None
+            for row in found.values()
+            for b in columns
+        ],
+        ladder,
+        columns=len(columns),
+        height=1.68 if len(columns) > 2 else 2.6,
+        sharex=True,
+        finish=finish_ladders,
+    )
+
+
+def _saturation(
+    experiment: Experiment, rows: Sequence[FinishedRun], b: float, names: Mapping[str, str]
+) -> Panel:
+    """The ladders of one exponent in one norm, with the slope of the highest order."""
+    problem = experiment.problem
+    order = problem.order if isinstance(problem, DerivativeProblem) else math.nan
+    limit = {"max": b - order, "l2": b - order + 0.5, "final": b + 1.0}[experiment.norm]
+    where = {"max": "largest", "l2": "mean square", "final": f"at $t={problem.final_time:g}$"}
+    power = f"^{{{fraction_in_words(order)}}}"
+    return Panel(
+        curves=error_curves(rows, names),
+        title=f"{where[experiment.norm]}, $b={b:g}$",
+        x=step_label(experiment),
+        y=f"$|D_h{power}f-D{power}f|$",
+        orders=[min(limit, max(one.run.method.order for one in rows))],
+        floor=explained(rows)["floor"],
+    )
+
+
+def _exponent(experiment: Experiment) -> float:
+    """The b of f(t) ~ c t^b at 0, from the function itself, to three decimals."""
+    problem = experiment.problem
+    if not isinstance(problem, DerivativeProblem):
+        return math.nan
+    near = problem.final_time * np.array([1e-6, 1e-5])
+    values = np.abs(problem.function(near)).reshape(2, -1)[:, 0]
+    return round(math.log10(values[1] / values[0]), 3) if np.all(values > 0) else math.nan
 
 
 def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
@@ -203,19 +228,17 @@ def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
     costs: dict[str, Callable[[CostRow], float]] = {"least time (s)": lambda row: row.seconds}
     if any(row.history_operations for table in tables for row in table.rows):
         costs["multiply-adds on the history"] = lambda row: row.history_operations
-    rows = [
-        [
-            Panel(
-                curves=_cost_curves(table, cost),
-                x=_error_label(table.experiment),
-                y=label,
-                title=table.experiment.name if len(tables) > 1 else "",
-            )
-            for label, cost in costs.items()
-        ]
+    panels = [
+        Panel(
+            curves=_cost_curves(table, cost),
+            x=_error_label(table.experiment),
+            y=label,
+            title=table.experiment.name if len(tables) > 1 else "",
+        )
         for table in tables
+        for label, cost in costs.items()
     ]
-    made = figure(rows, ladder, height=2.9, is_wide=len(costs) > 1, finish=finish_ladders)
+    made = figure(panels, ladder, columns=len(costs), height=2.9, finish=finish_ladders)
     return {f"{name}-cost": made}
 
 

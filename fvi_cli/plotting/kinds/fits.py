@@ -8,10 +8,9 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.plotting.draw import figure, lines
-from fvi_cli.plotting.kinds.convergence import in_rows
 from fvi_cli.plotting.panels import Curve, Panel
 from fvi_cli.plotting.style import COLOURS, GREY, INK, Look, dots
-from fvi_cli.plotting.words import letter, load_in_words, number_in_words
+from fvi_cli.plotting.words import load_in_words, number_in_words
 from fvi_cli.reports.naming import key_label, with_ratio, with_unit
 from fvi_cli.studies.fits.result import Estimate, FitResult, ModelFit
 from fvi_cli.studies.fits.settings import Series
@@ -43,10 +42,10 @@ def _motions(result: FitResult) -> Figure:
     forces = next((one.forces for one in result.settings.data if one.forces), ())
     heading = f"load: {', '.join(map(load_in_words, forces))}" if forces else ""
     return figure(
-        list(zip(*columns, strict=True)),
+        [panel for row in zip(*columns, strict=True) for panel in row],
         lines,
+        columns=count,
         height=(1.9, *[0.95] * len(models)),
-        is_wide=count > 1,
         sharex="col",
         heading=heading,
     )
@@ -90,15 +89,11 @@ def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
         usual = "velocity" if series.is_velocity else "length"
         names = (series.column, series.name, *([] if series.formula else [usual]))
         return with_unit(series.column, units, *names), with_unit("residual", units, *names)
-    form, rate = series.name.removesuffix(f" ({amplitude.part})"), amplitude.rate
-    what = form[min(rate, 1) :]
-    if what.isidentifier():
-        form = ("${}$", r"$\dot{{{}}}$", r"$\ddot{{{}}}$")[rate].format(letter(what))
-    part = {"real": "real part", "imaginary": "imaginary part"}.get(amplitude.part, amplitude.part)
-    if amplitude.part == "phase":
+    form, part = series.name.removesuffix(f" ({amplitude.part})"), amplitude.part
+    if part == "phase":
         return f"phase of {form} (degrees)", "residual (degrees)"
-    of = ("length", "velocity", "acceleration")[rate]
-    words = f"{part} of {form}"
+    words = f"{part} of {form}" if part == "magnitude" else f"{part} part of {form}"
+    of = ("length", "velocity", "acceleration")[amplitude.rate]
     return with_ratio(words, units, of, "force"), with_ratio("residual", units, of, "force")
 
 
@@ -117,8 +112,7 @@ def _profiles(model: ModelFit, units: Mapping[str, str]) -> Figure:
         )
         for one in drawn
     ]
-    columns = min(len(panels), 3)
-    return figure(in_rows(panels, columns), lines, height=1.9, is_wide=columns > 2, sharey=True)
+    return figure(panels, lines, columns=min(len(panels), 3), height=1.9, sharey=True)
 
 
 def _profile(one: Estimate) -> list[Curve]:

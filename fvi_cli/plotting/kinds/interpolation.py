@@ -53,7 +53,7 @@ def interpolation_figure() -> Figure:
         _name_points(axes[0], nodes, control, values[1])  # type: ignore[index]
 
     panel = Panel(curves=curves, xlim=(-0.2, _N_STEPS + 0.2), ylim=(0.0, _HIGHEST))
-    return figure([[panel]], lines, height=2.5, finish=dress)
+    return figure([panel], lines, height=2.5, finish=dress)
 
 
 def _motion(time: Array) -> Array:

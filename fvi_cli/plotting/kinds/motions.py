@@ -1,43 +1,42 @@
-"""Motions, energies, errors and balances over time."""
+"""Motions, energies, errors, balances and quantities over time."""
 
 from __future__ import annotations
 
-import math
-from collections import Counter
+import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.integrator.trajectory import Diagnostics
+from fvi_cli.integrator.observe.observer import observe_runs
+from fvi_cli.integrator.trajectory import Diagnostics, Observed
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.draw import figure, lines
-from fvi_cli.plotting.kinds.convergence import by_degree
-from fvi_cli.plotting.kinds.members import (
-    distinguish,
-    member_curves,
-    split_members,
-    titles_of,
-)
+from fvi_cli.plotting.kinds.runs import Motion, Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import BLACK, EXACT, method_looks, method_names
-from fvi_cli.plotting.words import coordinates_of, position_label, time_label
+from fvi_cli.plotting.style import BLACK, EXACT, cycled
+from fvi_cli.plotting.words import (
+    coordinates_of,
+    number_in_words,
+    position_label,
+    quantity_in_words,
+    time_label,
+)
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.studies.experiment import Experiment, FinishedRun
+from fvi_cli.studies.loops import forces_of
 
 MOST_COMPONENTS = 4
 """Most coordinates that are drawn, the first ones."""
-MOST_MEMBERS = 100
-"""Most members that are drawn over time, evenly chosen."""
-AT_START = "every run failed at its start"
-NO_MOMENTUM = "no method of the experiment has a momentum; write method: gauss3"
 LEAST_POINTS = 600
 """Least points of a motion that is drawn."""
+NO_MOMENTUM = "no method of the experiment has a momentum; write method: gauss3"
+NO_QUANTITIES = "there are none; write quantities: {drift: x2 - x1}"
 _PER_STEP, _MOST_POINTS = 20, 200_000
-
-Motion = Callable[[FinishedRun], tuple[Array, Array]]
+_MOST_PANELS = 8  # of quantities, the first ones
 
 
 def drawn_times(item: FinishedRun) -> Array:
@@ -85,79 +84,92 @@ def drawn_velocity(item: FinishedRun) -> Array:
     return found[1](drawn_times(item))
 
 
-def _coordinate(index: int) -> Motion:
-    def motion(item: FinishedRun) -> tuple[Array, Array]:
-        times, position = drawn_motion(item)
-        return times, position[:, index]
+def over_time(
+    experiment: Experiment, shown: Shown, motions: Mapping[str, Motion], log: str = ""
+) -> list[Panel]:
+    """Panels of runs over time: a row for each of `motions` with its label, in columns."""
+    x = time_label(experiment)
+    return [
+        Panel(curves=shown.curves(motion, own), x=x, y=label, log=log)
+        for label, motion in motions.items()
+        for own in shown.columns.values()
+    ]
 
-    return motion
+
+def figure_over_time(panels: Sequence[Panel], shown: Shown) -> Figure:
+    """The figure of panels over time, with titles above."""
+    columns = len(shown.columns)
+    top = [replace(one, title=title) for one, title in zip(panels, shown.columns, strict=False)]
+    return figure(
+        [*top, *panels[columns:]],
+        lines,
+        columns=columns,
+        height=max(1.15, 2.4 - 0.4 * len(panels) / columns),
+        sharex=True,
+        sharey="row",
+        **shown.titles,
+    )
 
 
 def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the position of every method; where an exact solution is known, the error below.
+    """Draw the position of every method or member, a row for each of the first coordinates.
 
-    There is a column for every degree, and a row for each of the first coordinates.
+    Where the exact solution of one scene is known, it is shown too, and the error below.
     """
-    shown, exact, x = select_runs(finished), experiment.problem.exact, time_label(experiment)
-    names = coordinates_of(experiment, shown[0].trajectory.position.shape[1])[:MOST_COMPONENTS]
-    columns = []
-    for title, own in _by_degree(experiment, shown).items():
-        column = []
-        for index, name in enumerate(names):
-            curves = run_curves(own, _coordinate(index))
-            if exact is not None:
-                times = np.linspace(0.0, experiment.problem.final_time, LEAST_POINTS + 1)
-                true = Curve(x=times, y=exact(times)[:, index], label="exact", look=EXACT)
-                curves = [true, *curves]
-            y = position_label(experiment, name)
-            column.append(Panel(curves=curves, y=y, x=x, title=title))
-            title = ""
-        if exact is not None and len(names) == 1:
-            curves = run_curves(own, lambda item: (_error(item)[0], _error(item)[1][:, 0]))
-            y = with_unit("error $x_k-x(t_k)$", experiment.units, "length")
-            column.append(Panel(curves=curves, x=x, y=y, levels=[0.0]))
-        columns.append(column)
-    height = 1.55 if len(columns[0]) > 1 else 2.0
-    rows, is_wide = list(zip(*columns, strict=True)), len(columns) > 1
-    return figure(rows, lines, height=height, is_wide=is_wide, sharex=True, sharey="row")
+    shown, exact = select(experiment, finished), experiment.problem.exact
+    dimension = shown.best.trajectory.position.shape[1]
+    names = coordinates_of(experiment, dimension)[:MOST_COMPONENTS]
+
+    def motion(index: int) -> Motion:
+        def of(item: FinishedRun) -> tuple[Array, Array]:
+            times, position = drawn_motion(item)
+            return times, position[:, index]
+
+        return of
+
+    motions = {position_label(experiment, name): motion(k) for k, name in enumerate(names)}
+    panels = over_time(experiment, shown, motions)
+    if exact is not None and not experiment.members:
+        times = np.linspace(0.0, experiment.problem.final_time, LEAST_POINTS + 1)
+        for place, panel in enumerate(panels):
+            values = exact(times)[:, place // len(shown.columns)]
+            true = Curve(x=times, y=values, label="exact", look=EXACT)
+            panels[place] = replace(panel, curves=[true, *panel.curves])
+        if len(names) == 1:
+            label = with_unit("error $x_k-x(t_k)$", experiment.units, "length")
+            below = {label: lambda item: (item.trajectory.time, _error(item)[:, 0])}
+            panels += over_time(experiment, shown, below)
+    return figure_over_time(panels, shown)
 
 
-def _by_degree(
-    experiment: Experiment, shown: Sequence[FinishedRun]
-) -> dict[str, list[FinishedRun]]:
-    """The runs of every degree, by the title of their panel with equal step sizes."""
-    words = [""]
-    if experiment.grading == 1.0 and experiment.accuracy is None:
-        unit = experiment.units.get("time", "")
-        words = [f"$h={shown[0].run.step_size:.4g}$ {unit}".rstrip()]
-    return {
-        ", ".join(filter(None, [f"degree {degree}" * bool(degree), *words])): own
-        for degree, own in by_degree(shown).items()
-    }
-
-
-def _error(item: FinishedRun) -> tuple[Array, Array]:
-    """Times, and position minus the exact one."""
-    exact, trajectory = item.run.experiment.problem.exact, item.trajectory
+def _error(item: FinishedRun) -> Array:
+    """Position minus the exact one."""
+    exact, trajectory = item.run.problem.exact, item.trajectory
     if exact is None:
         raise NothingToDraw("no exact solution is known; write exact: 1 - cos(t)")
-    return trajectory.time, trajectory.position - exact(trajectory.time)
+    return np.asarray(trajectory.position - exact(trajectory.time))
 
 
 def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the Hamiltonian without forcing; below the relative difference to the exact one."""
-    shown = select_runs(finished, lambda item: item.trajectory.energy is not None, NO_MOMENTUM)
-    true, curves = _exact_energy(experiment), run_curves(shown, _energy)
-    y, x = with_unit("energy $H$", experiment.units, "energy"), time_label(experiment)
-    (title,) = _by_degree(experiment, shown[:1])
-    rows: list[list[Panel]] = []
+
+    def has_energy(item: FinishedRun) -> bool:
+        return item.trajectory.energy is not None
+
+    shown = select(experiment, finished, has_energy, NO_MOMENTUM)
+    label = with_unit("energy $H$", experiment.units, "energy")
+    panels = over_time(experiment, shown, {label: _energy})
+    true = None if experiment.members else _exact_energy(experiment)
     if true is not None:
+
+        def relative(item: FinishedRun) -> tuple[Array, Array]:
+            times, energy = _energy(item)
+            return times, _size(energy / np.interp(times, *true) - 1.0)
+
         exact = Curve(x=true[0], y=true[1], label="exact", look=EXACT)
-        relative = [replace(c, y=_size(c.y / np.interp(c.x, *true) - 1.0)) for c in curves]
-        rows = [[Panel(curves=relative, y="$|H_k/H(t_k)-1|$", x=x, log="y")]]
-        curves = [exact, *curves]
-    rows.insert(0, [Panel(curves=curves, y=y, x=x, title=title)])
-    return figure(rows, lines, height=1.6 if true is not None else 2.2, sharex=True)
+        panels = [replace(panel, curves=[exact, *panel.curves]) for panel in panels]
+        panels += over_time(experiment, shown, {"$|H_k/H(t_k)-1|$": relative}, "y")
+    return figure_over_time(panels, shown)
 
 
 def _energy(item: FinishedRun) -> tuple[Array, Array]:
@@ -172,34 +184,30 @@ def _energy(item: FinishedRun) -> tuple[Array, Array]:
 
 def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the largest absolute error of all components over time, logarithmically."""
-    shown, x = select_runs(finished), time_label(experiment)
+    shown = select(experiment, finished)
+    several = shown.best.trajectory.position.shape[1] > 1
+    words = r"error $\max_i\,|x_{i,k}-x_i(t_k)|$" if several else "error $|x_k-x(t_k)|$"
 
     def size(item: FinishedRun) -> tuple[Array, Array]:
-        times, error = _error(item)
-        return times, _size(np.abs(error).max(axis=1))
+        return item.trajectory.time, _size(np.abs(_error(item)).max(axis=1))
 
-    several = shown[0].trajectory.position.shape[1] > 1
-    words = r"error $\max_i\,|x_{i,k}-x_i(t_k)|$" if several else "error $|x_k-x(t_k)|$"
-    y = with_unit(words, experiment.units, "length")
-    panels = [
-        Panel(curves=run_curves(own, size), x=x, y=y, title=title, log="y")
-        for title, own in _by_degree(experiment, shown).items()
-    ]
-    return figure([panels], lines, height=2.2, is_wide=len(panels) > 1, sharey=True)
+    label = with_unit(words, experiment.units, "length")
+    return figure_over_time(over_time(experiment, shown, {label: size}, "y"), shown)
 
 
 def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw energy, works and their sum of the most accurate run, and the defect of every method.
+    """Draw energy, works and their sum of the most accurate run, and the defect of every run.
 
     The work on dampers includes the energy that they store, so it may decrease.
     """
     reason = "it needs store: {diagnostics: [energy-balance]} and a method such as gauss3"
-    shown = select_runs(finished, lambda item: item.trajectory.diagnostics is not None, reason)
-    units, x, best = experiment.units, time_label(experiment), most_accurate(shown)
-    found, scene = _diagnostics(best), best.run.scene
+    shown = select(experiment, finished, lambda item: item.trajectory.diagnostics, reason)
+    units, x = experiment.units, time_label(experiment)
+    found, scene = _diagnostics(shown.best), shown.best.run.scene
     position, velocity = scene.initial_position, scene.initial_velocity
     start = scene.energy(position, scene.momentum(position, velocity, 0.0), 0.0)
     total = start + found.energy_defect
+    together = "E+W_d-W_f" if np.any(found.forcing_work) else "E+W_d"
     parts = {
         "energy $E$": total - found.dissipated_work + found.forcing_work,
         "work on dampers $W_d$": found.dissipated_work,
@@ -211,20 +219,19 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         for label, values in parts.items()
         if values is not None and np.any(values)
     ]
-    together, black = (
-        "E+W_d-W_f" if np.any(found.forcing_work) else "E+W_d",
-        replace(BLACK, width=1.6),
-    )
+    black = replace(BLACK, width=1.6)
     curves.append(Curve(x=found.time, y=total, label=f"${together}$", look=black))
-    defects = run_curves(
-        shown, lambda item: (_diagnostics(item).time, _size(_diagnostics(item).energy_defect))
-    )
-    if len(shown) == 1:
+
+    def defect(item: FinishedRun) -> tuple[Array, Array]:
+        return _diagnostics(item).time, _size(_diagnostics(item).energy_defect)
+
+    defects = shown.curves(defect)
+    if len(defects) == 1:
         defects = [replace(defects[0], label="")]
     upper = with_unit("energy, work", units, "energy")
     lower = with_unit(f"defect $|{together}-E_0|$", units, "energy")
-    rows = [[Panel(curves=curves, y=upper, x=x)], [Panel(curves=defects, y=lower, x=x, log="y")]]
-    return figure(rows, lines, height=(1.9, 1.3), sharex=True)
+    panels = [Panel(curves=curves, y=upper, x=x), Panel(curves=defects, y=lower, x=x, log="y")]
+    return figure(panels, lines, height=(1.9, 1.3), sharex=True)
 
 
 def _diagnostics(item: FinishedRun) -> Diagnostics:
@@ -239,93 +246,88 @@ def _size(values: Array) -> Array:
     return np.where(values == 0, np.nan, np.abs(values))
 
 
-def sweep_trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the first coordinate of members over time on the finest grid by the first method."""
-    label = position_label(experiment, coordinates_of(experiment)[0])
-    return members_over_time(experiment, finished, {label: _coordinate(0)})
-
-
-def members_over_time(
-    experiment: Experiment, finished: Sequence[FinishedRun], motions: Mapping[str, Motion]
-) -> Figure:
-    """Draw up to 100 members over time, evenly chosen, a row for each of `motions` by its label.
-
-    Of several swept keys the one with few values has a column for each.
-    """
-    moving = finest_of_members([one for one in finished if one.trajectory.time.size > 1])
-    if not moving:
-        raise NothingToDraw(AT_START)
-    shown = moving[:: -(-len(moving) // MOST_MEMBERS)]
-    key, split = split_members(shown, experiment.units)
-    found = distinguish(experiment.members, experiment.units, without=(key,))
-    rows = [
-        [
-            Panel(
-                curves=member_curves(found, [(item, *motion(item)) for item in own]),
-                x=time_label(experiment),
-                y=label,
-                title="" if place else title,
-            )
-            for title, own in split.items()
-        ]
-        for place, (label, motion) in enumerate(motions.items())
-    ]
-    return figure(
-        rows,
-        lines,
-        height=1.35 if len(rows) > 1 else 2.0,
-        is_wide=len(split) > 1,
-        sharex=True,
-        sharey="row",
-        **titles_of(found, len(shown), experiment.members),
-    )
-
-
-def run_curves(shown: Sequence[FinishedRun], motion: Motion) -> list[Curve]:
-    """A curve over time for every run, by `motion`: its abscissas and ordinates."""
-    methods = [item.run.method for item in shown]
-    looks, names = method_looks(methods), method_names(methods)
-    cases = [method.case for method in methods]
-    pairs = [motion(item) for item in shown]
-    return [
-        Curve(x=x, y=y, label=names[case], look=replace(looks[case], marker=""))
-        for case, (x, y) in zip(cases, pairs, strict=True)
-    ]
-
-
-def select_runs(
-    finished: Sequence[FinishedRun],
-    is_drawable: Callable[[FinishedRun], bool] = lambda item: True,
-    reason: str = "",
-) -> list[FinishedRun]:
-    """One run for every method, on the finest steps with which most methods succeeded.
-
-    Runs that failed or diverged are drawn where all did.
-    """
-    moving = [item for item in finished if item.trajectory.time.size > 1]
-    usable = [item for item in moving if is_drawable(item)]
-    if not usable:
-        raise NothingToDraw(reason if moving else AT_START)
-    able = [item for item in usable if item.status in ("ok", "floor")] or usable
-    counts = Counter(item.run.n_steps for item in able)
-    n_steps = max(counts, key=lambda n: (counts[n], n))
-    return [item for item in able if item.run.n_steps == n_steps]
-
-
-def most_accurate(shown: Sequence[FinishedRun]) -> FinishedRun:
-    """The run with the smallest error; the last run if none has an error."""
-    measured = [item for item in shown if math.isfinite(item.error)]
-    return min(measured, key=lambda item: item.error) if measured else shown[-1]
-
-
 def _exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
     """Time and energy of the exact solution; its velocity by differences on a fine grid."""
     problem = experiment.problem
     if not isinstance(problem, Problem) or problem.exact is None:
         return None
-    if problem.scene.lagrangian is not None:
-        return None
     time = np.linspace(0.0, problem.final_time, 8001)
-    position = problem.exact(time)
+    position, scene = problem.exact(time), problem.scene
     velocity = np.gradient(position, time[1], axis=0, edge_order=2)
-    return time, problem.scene.energy(position, velocity @ problem.scene.inertia.mass.T)
+    return time, scene.energy(position, scene.momentum(position, velocity, time), time)
+
+
+def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the quantities over time.
+
+    Peaks have their numbers. Of one run, those of one kind (drift_1, drift_3) share a panel.
+    """
+    shown = select(experiment, finished, lambda one: observed_of(one).quantities, NO_QUANTITIES)
+    names = list(observed_of(shown.best).quantities)
+    if len(shown.runs) == 1:
+        panels = _grouped(experiment, shown.best, names)[:_MOST_PANELS]
+    else:
+        motions = {quantity_label(experiment, one): _values_of(one) for one in names[:_MOST_PANELS]}
+        panels = over_time(experiment, shown, motions)
+        if not experiment.members and len(shown.columns) == 1:
+            for place, (panel, name) in enumerate(zip(panels, names, strict=False)):
+                last = replace(panel.curves[-1], marks=_peak(shown.runs[-1], name))
+                panels[place] = replace(panel, curves=[*panel.curves[:-1], last])
+    return figure_over_time([replace(one, levels=[0.0]) for one in panels], shown)
+
+
+def _grouped(experiment: Experiment, item: FinishedRun, names: Sequence[str]) -> list[Panel]:
+    """Panels of the quantities of one run, those of one kind together, with the largest peak."""
+    groups: dict[str, list[str]] = {}
+    stems = {name: re.sub(r"_\d+$", "", name) for name in names}
+    for name, stem in stems.items():
+        together = stem != name and list(stems.values()).count(stem) > 1
+        label = quantity_label(experiment, name, stem if together else "")
+        groups.setdefault(label, []).append(name)
+    panels, extents = [], observed_of(item).extents
+    for label, own in groups.items():
+        largest, curves = max(own, key=lambda name: extents[name].peak), []
+        for k, name in enumerate(own):
+            x, y = _values_of(name)(item)
+            marks = _peak(item, name) if name == largest else ()
+            look = cycled(k) if len(own) > 1 else BLACK
+            words = name.replace("_", " ") if len(own) > 1 else ""
+            curves.append(Curve(x=x, y=y, label=words, look=look, marks=marks))
+        panels.append(Panel(curves=curves, x=time_label(experiment), y=label))
+    return panels
+
+
+def _peak(item: FinishedRun, name: str) -> list[tuple[float, float, str]]:
+    """The peak of a quantity with its number; none of a quantity that is 0."""
+    one = observed_of(item).extents[name]
+    height = one.greatest if one.greatest == one.peak else one.least
+    return [(one.peak_time, height, number_in_words(height))] if one.peak > 0 else []
+
+
+def quantity_label(experiment: Experiment, name: str, stem: str = "") -> str:
+    """The label of an axis of a quantity, or of those that begin with `stem`."""
+    kinds = (name, "force") if name in forces_of(experiment) else (name,)
+    words = stem.replace("_", " ") if stem else quantity_in_words(experiment, name)
+    return with_unit(words, experiment.units, *kinds)
+
+
+def _values_of(name: str) -> Motion:
+    """The function that gives times and values of a quantity."""
+    return lambda item: (_dense(item)[0], _dense(item)[1][name])
+
+
+@functools.lru_cache(maxsize=16)
+def _dense(item: FinishedRun) -> tuple[Array, Mapping[str, Array]]:
+    """Times and quantities; where few are reported, those within the steps that were kept."""
+    trajectory, quantities = item.trajectory, observed_of(item).quantities
+    if trajectory.steps is None or trajectory.time.size >= LEAST_POINTS:
+        return trajectory.time, quantities
+    request = replace(item.run.observations, times=drawn_times(item), events={}, impacts={})
+    (dense,) = observe_runs([item.run.scene], item.run.method, [trajectory], [request])
+    return dense.time, quantities if dense.observed is None else dense.observed.quantities
+
+
+def observed_of(item: FinishedRun) -> Observed:
+    """The quantities and events of a run; empty if none were requested."""
+    observed = item.trajectory.observed
+    return Observed(mesh=item.trajectory.time) if observed is None else observed

@@ -1,8 +1,10 @@
-"""Planes of two quantities of a motion: sections at events, and the loops of dampers."""
+"""Planes of two values of a motion: portraits, paths, sections, loops; and shapes of chains."""
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,19 +12,105 @@ from matplotlib.figure import Figure
 
 from fvi_cli.integrator.trajectory import Occurrences
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.plotting.draw import figure, lines
-from fvi_cli.plotting.kinds.members import distinguish
-from fvi_cli.plotting.kinds.motions import MOST_COMPONENTS, most_accurate, select_runs
-from fvi_cli.plotting.kinds.paths import planes
-from fvi_cli.plotting.kinds.quantities import observed_of, quantity_label, with_quantities
+from fvi_cli.plotting.draw import figure, lines, waterfall
+from fvi_cli.plotting.kinds.motions import (
+    MOST_COMPONENTS,
+    NO_MOMENTUM,
+    NO_QUANTITIES,
+    drawn_motion,
+    drawn_velocity,
+    observed_of,
+    quantity_label,
+)
+from fvi_cli.plotting.kinds.runs import Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import COLOURS, Look, cycled, dots, method_names
-from fvi_cli.plotting.words import coordinates_of, position_label, velocity_label
+from fvi_cli.plotting.style import BLACK, COLOURS, GREY, INK, Look, cycled, dots
+from fvi_cli.plotting.words import coordinates_of, position_label, time_label, velocity_label
 from fvi_cli.reports.naming import with_unit
-from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.scenes.problem import Problem
+from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
 
 _MANY = 200  # from this number on points are small
+_FIXED = {"kepler": "centre", "double-pendulum": "pivot"}
+_MOST_LINES = 24  # of a chain or frame with more masses every n-th is drawn
+_SHAPES, _POINTS = 17, 201  # times at which the shape of a string is drawn, and points of each
+_WATERFALLS = {"chain": "mass", "frame": "storey", "string": "", "structure": "coordinate"}
+_CROSS = Look(colour=INK, marker="+", width=0, size=6.0)
+
+
+def _planes(panels: Sequence[Panel], **titles: Any) -> Figure:
+    """A figure of planes: one in a column, several in rows of two."""
+    return figure(panels, lines, columns=min(len(panels), 2), height=2.5, **titles)
+
+
+def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw velocity against position of every run, a panel for every component (up to 4)."""
+
+    def has_velocity(one: FinishedRun) -> bool:
+        return one.trajectory.steps is not None or one.trajectory.momentum is not None
+
+    shown = select(experiment, finished, has_velocity, NO_MOMENTUM)
+    motions = {one: (drawn_motion(one)[1], drawn_velocity(one)) for one in shown.runs}
+    dimension = shown.best.trajectory.position.shape[1]
+    panels = [
+        Panel(
+            curves=_paths(shown, motions, k, k),
+            x=position_label(experiment, name),
+            y=velocity_label(experiment, name),
+        )
+        for k, name in enumerate(coordinates_of(experiment, dimension)[:MOST_COMPONENTS])
+    ]
+    return _planes(panels, **shown.titles)
+
+
+def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the path in the plane of the first two coordinates.
+
+    For a double pendulum, whose coordinates are angles, in the plane in which it swings.
+    """
+    shown, kind = select(experiment, finished), experiment.problem.kind
+    dimension = shown.best.trajectory.position.shape[1]
+    if dimension == 1:
+        raise NothingToDraw("the scene has one coordinate only")
+    labels = [position_label(experiment, one) for one in coordinates_of(experiment, dimension)[:2]]
+    if kind == "double-pendulum":
+        curves = _pendulum(experiment, drawn_motion(shown.best)[1])
+        words = ("horizontal position", "vertical position")
+        labels = [with_unit(label, experiment.units, "length") for label in words]
+    else:
+        motions = {one: (drawn_motion(one)[1],) * 2 for one in shown.runs}
+        curves = _paths(shown, motions, 0, 1)
+    if kind in _FIXED:
+        curves.append(Curve(x=np.zeros(1), y=np.zeros(1), label=_FIXED[kind], look=_CROSS))
+    return _planes([Panel(curves=curves, x=labels[0], y=labels[1], is_equal=True)], **shown.titles)
+
+
+def _paths(
+    shown: Shown, motions: Mapping[FinishedRun, tuple[Array, Array]], first: int, second: int
+) -> list[Curve]:
+    """Thin curves of a component of each of two motions, and a point where the last one starts."""
+    curves = shown.curves(lambda one: (motions[one][0][:, first], motions[one][1][:, second]))
+    thin = [replace(one, look=one.look and replace(one.look, width=0.9)) for one in curves]
+    last = thin[-1]
+    return [*thin[:-1], replace(last, marks=[(float(last.x[0]), float(last.y[0]), "start")])]
+
+
+def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
+    """Paths of both masses of a double pendulum, with its rods at the start and at the end."""
+    lengths = np.array(experiment.problem_specification.get("lengths", (1.0, 1.0)), dtype=float)
+    x = np.cumsum(lengths * np.sin(angles), axis=1)
+    y = np.cumsum(-lengths * np.cos(angles), axis=1)
+    looks = (Look(colour=COLOURS[1], width=1.4), Look(colour=COLOURS[0], width=0.9))
+    curves = [
+        Curve(x=x[:, k], y=y[:, k], label=label, look=looks[k])
+        for k, label in enumerate(("first mass", "second mass"))
+    ]
+    for when, label, colour in ((0, "start", GREY), (-1, "end", INK)):
+        look = Look(colour=colour, marker="o", width=1.6)
+        rods = (np.append(0.0, one[when]) for one in (x, y))
+        curves.append(Curve(x=next(rods), y=next(rods), label=label, look=look))
+    return curves
 
 
 def occurrences_of(
@@ -33,8 +121,7 @@ def occurrences_of(
     for event, one in observed_of(item).events.items():
         late = one.time >= after
         if name in (None, event) and late.any():
-            seen = {key: values[late] for key, values in vars(one).items()}
-            found[event] = Occurrences(**seen)
+            found[event] = Occurrences(**{key: values[late] for key, values in vars(one).items()})
     return found
 
 
@@ -46,89 +133,56 @@ def section_figure(
 ) -> Figure:
     """Draw velocity against position at every event, a panel for every coordinate (up to 4).
 
-    For a sweep the first coordinate is shown. Of more than 6 members the left panel shows the
-    position against the swept number (with several keys: the number of the member), and the right
-    one velocity against position in the same colours.
+    Where colours show a swept number, the left panel has the position against it.
     """
-    having = [item for item in finished if occurrences_of(item, name, after)]
-    if not having:
-        when = f" after t = {after:g}" if after else ""
-        raise NothingToDraw(
-            f"the event {name} did not happen{when}" if name else "no event happened"
-        )
-    names = coordinates_of(experiment)
-    if experiment.members:
-        shown, names = finest_of_members(having), names[:1]
-        distinction = distinguish(experiment.members, experiment.units)
-        of_run = [distinction.of(item.run.member) for item in shown]
-    else:
-        shown, distinction = select_runs(having), None
-        methods = method_names([item.run.method for item in shown])
-        of_run = [{"label": methods[item.run.method.case]} for item in shown]
+    when = f" after t = {after:g}" if after else ""
+    reason = f"the event {name} did not happen{when}" if name else "no event happened"
+    shown = select(experiment, finished, lambda one: occurrences_of(one, name, after), reason)
     points = [
-        (one, _named(own, event, is_alone=len(shown) == 1))
-        for item, own in zip(shown, of_run, strict=True)
+        (one, event, shown.words[item])
+        for item in shown.runs
         for event, one in occurrences_of(item, name, after).items()
     ]
-    size = 1.9 if sum(one.time.size for one, _ in points) > _MANY else 3.4
-    panels = [
-        Panel(
-            curves=[
-                Curve(
-                    x=one.position[:, k],
-                    y=one.velocity[:, k],
-                    look=dots(cycled(number).colour, size),
-                    **words,
-                )
-                for number, (one, words) in enumerate(points)
-            ],
-            x=position_label(experiment, coordinate),
-            y=velocity_label(experiment, coordinate),
-        )
-        for k, coordinate in enumerate(names[:MOST_COMPONENTS])
-    ]
-    if distinction is None or distinction.names:
-        return planes(panels)
-    (section,) = panels
-    against = [
-        Curve(x=np.full(curve.x.size, curve.by), y=curve.x, by=curve.by, look=curve.look)
-        for curve in section.curves
-    ]
-    left = Panel(curves=against, x=distinction.titles["bar"], y=section.x)
-    return figure([[left, section]], lines, height=2.6, is_wide=True, **distinction.titles)
-
-
-def _named(words: Mapping[str, Any], event: str, *, is_alone: bool) -> dict[str, Any]:
-    """The words of a curve with the name of its event."""
-    if "label" not in words:
-        return dict(words)
-    return {"label": event if is_alone else f"{event}, {words['label']}"}
+    size = 1.9 if sum(one.time.size for one, *_ in points) > _MANY else 3.4
+    is_alone = len(shown.runs) == 1
+    panels = []
+    for k, coordinate in enumerate(coordinates_of(experiment)[:MOST_COMPONENTS]):
+        curves = []
+        for number, (one, event, words) in enumerate(points):
+            own = {key: value for key, value in words.items() if key != "look"}
+            if "label" in own:
+                own["label"] = event if is_alone else f"{event}, {own['label']}"
+            colour = COLOURS[0] if "look" in words and experiment.members else cycled(number).colour
+            look = dots(colour, size)
+            curves.append(Curve(x=one.position[:, k], y=one.velocity[:, k], look=look, **own))
+        x, y = position_label(experiment, coordinate), velocity_label(experiment, coordinate)
+        panels.append(Panel(curves=curves, x=x, y=y))
+    if "bar" not in shown.titles:
+        return _planes(panels, **shown.titles)
+    first = panels[0]
+    against = [replace(one, x=np.full(one.x.size, one.by), y=one.x) for one in first.curves]
+    return _planes([Panel(curves=against, x=shown.titles["bar"], y=first.x), first], **shown.titles)
 
 
 def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw force against deformation, a panel for every force (up to 4) among the quantities.
 
-    It shows the most accurate run with its loops; for a sweep the members by the first method.
+    It shows the most accurate run with its loops, or the members of a sweep.
     """
     if not (forces := forces_of(experiment)):
-        raise NothingToDraw(
-            "no quantity is the force of a damper; write quantities: {force: force_1}"
-        )
-    having, titles = with_quantities(finished), {}
-    if experiment.members:
-        distinction = distinguish(experiment.members, experiment.units)
-        titles = distinction.titles
+        words = "no quantity is the force of a damper; write quantities: {force: force_1}"
+        raise NothingToDraw(words)
+    shown = select(experiment, finished, lambda one: observed_of(one).quantities, NO_QUANTITIES)
     panels = []
     for name in forces[:MOST_COMPONENTS]:
         if experiment.members:
-            pairs = [(item, *deformation_against(item, name)) for item in finest_of_members(having)]
-            curves = [Curve(x=x, y=y, **distinction.of(one.run.member)) for one, x, y in pairs]
+            curves = shown.curves(functools.partial(deformation_against, name=name))
         else:
-            best = most_accurate(select_runs(having))
-            curves = _loops(best.trajectory.time, *deformation_against(best, name))
+            time = shown.best.trajectory.time
+            curves = _loops(time, *deformation_against(shown.best, name))
         x = with_unit("deformation", experiment.units, "length")
         panels.append(Panel(curves=curves, x=x, y=quantity_label(experiment, name)))
-    return planes(panels, **titles)
+    return _planes(panels, **shown.titles)
 
 
 def _loops(time: Array, x: Array, y: Array) -> list[Curve]:
@@ -141,3 +195,45 @@ def _loops(time: Array, x: Array, y: Array) -> list[Curve]:
         places = [np.interp(whole, time, values) for values in (x, y)]
         curves.append(Curve(x=places[0], y=places[1], label=f"{word} loop", look=look))
     return curves
+
+
+def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
+    """Draw the most accurate run as lines one above the other.
+
+    For chains, frames and structures a line over time for every coordinate (up to 24), at its
+    number; for a string its shapes, at their times. Below a shaken frame is the motion of its
+    ground.
+    """
+    problem, units = experiment.problem, experiment.units
+    if problem.kind not in _WATERFALLS:
+        raise NothingToDraw(f"it is made for {', '.join(_WATERFALLS)}")
+    time, position = drawn_motion(select(experiment, finished).best)
+    if problem.kind == "string":
+        return figure([_string(experiment, time, position)], waterfall, height=3.4)
+    count, x = position.shape[1], time_label(experiment)
+    drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
+    curves = [Curve(x=time, y=position[:, k], by=float(k + 1)) for k in drawn]
+    lifted = Panel(curves=curves, x=x, y=_WATERFALLS[problem.kind], unit=units.get("length", ""))
+    scene = problem.scene if isinstance(problem, Problem) else None
+    is_shaken = "ground_acceleration" in experiment.problem_specification
+    if not is_shaken or scene is None or scene.forcing is None:
+        return figure([lifted], waterfall, height=3.4)
+    # the force on the first storey is its mass times the acceleration of the ground
+    ground = -scene.forcing(time)[:, 0] / scene.inertia.mass[0, 0]
+    y = with_unit("ground acceleration", units, "acceleration")
+    shaken = Panel(curves=[Curve(x=time, y=ground, look=BLACK)], x=x, y=y, levels=[0.0])
+    return figure([lifted, shaken], [waterfall, lines], height=(3.2, 1.0), sharex=True)
+
+
+def _string(experiment: Experiment, time: Array, position: Array) -> Panel:
+    """Shapes of a string at equally spaced times."""
+    length = float(experiment.problem_specification.get("length", 1.0))
+    place = np.linspace(0.0, length, _POINTS)
+    modes = np.sin(np.outer(np.arange(1, position.shape[1] + 1), np.pi * place / length))
+    picked = np.searchsorted(time, np.linspace(time[0], time[-1], _SHAPES))
+    return Panel(
+        curves=[Curve(x=place, y=position[k] @ modes, by=float(time[k])) for k in picked],
+        x=with_unit("place $s$", experiment.units, "length"),
+        y=time_label(experiment),
+        unit=experiment.units.get("length", ""),
+    )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from fvi_cli.plotting.draw import figure, lines
-from fvi_cli.plotting.kinds.members import distinguish
+from fvi_cli.plotting.kinds.runs import distinguish
 from fvi_cli.plotting.panels import Curve, Panel
 from fvi_cli.plotting.style import INK, Look, cycled, dots
 from fvi_cli.plotting.words import load_in_words, typeset_sum
@@ -45,7 +45,7 @@ def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]
     return groups if len(groups) > 1 else {name: list(tables)}
 
 
-def _distinguished(tables: Sequence[Table]) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+def _distinguished(tables: Sequence[Table]) -> tuple[list[dict[str, Any]], Mapping[str, Any]]:
     """Labels or numbers of the members of tables, and the titles of their figure."""
     members = [table.of_member for table in tables if table.of_member is not None]
     if len(tables) == 1 or len(members) < len(tables):
@@ -76,7 +76,7 @@ def modes_figure(tables: Sequence[ModeTable]) -> Figure:
         levels=[0.0],
         xlim=(0.0, 1.06 * max(float(curve.x.max()) for curve in curves)),
     )
-    return figure([[panel]], lines, height=2.0, **titles)
+    return figure([panel], lines, height=2.0, **titles)
 
 
 def response_figure(tables: Sequence[ResponseTable]) -> Figure:
@@ -107,12 +107,12 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
     log = "x" * bool(steps[-1] > 2.0 * steps[0])
     x = with_unit("frequency", first.units, "frequency")
     ends = (float(first.hertz[0]), float(first.hertz[-1]))
-    rows = [
-        [Panel(curves=upper, y=magnitude_label(first), x=x, log=f"{log}y", xlim=ends)],
-        [Panel(curves=lower, y=r"phase ($\pi$)", x=x, log=log, xlim=ends)],
+    panels = [
+        Panel(curves=upper, y=magnitude_label(first), x=x, log=f"{log}y", xlim=ends),
+        Panel(curves=lower, y=r"phase ($\pi$)", x=x, log=log, xlim=ends),
     ]
     heading = ", ".join(filter(None, [f"load: {load_in_words(first.load)}", titles.get("heading")]))
-    return figure(rows, lines, height=(2.3, 1.2), sharex=True, **{**titles, "heading": heading})
+    return figure(panels, lines, height=(2.3, 1.2), sharex=True, **{**titles, "heading": heading})
 
 
 def _half_power(peak: Peak) -> Curve:

@@ -1,0 +1,200 @@
+"""The runs that a figure shows, and how their curves are distinguished."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.mathematics.arrays import Array
+from fvi_cli.plotting.panels import Curve, NothingToDraw
+from fvi_cli.plotting.style import COLOURS, Look, method_looks, method_names
+from fvi_cli.reports.naming import key_label
+from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
+from fvi_cli.studies.members import Member, value_in_words
+
+Motion = Callable[[FinishedRun], tuple[Array, Array]]
+
+_MOST_NAMED, _MOST_MEMBERS, _MOST_PANELS = 6, 100, 4  # with names in a legend; lines; columns
+_MEAN = Look(colour=COLOURS[0], width=1.6)
+_PALE = {"label": "members", "look": Look(colour="#8fb8d4", width=0.4)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Distinction:
+    """How curves of members are distinguished: by names, by the colours of numbers, or not."""
+
+    words: Mapping[int, dict[str, Any]]  # label or number of a curve, by number of the member
+    titles: Mapping[str, Any]  # heading of the legend, or name of the colour bar
+
+    def of(self, member: Member | None) -> dict[str, Any]:
+        """Label, number or look of the curve of a member."""
+        return {} if member is None else self.words[member.number]
+
+
+def distinguish(
+    members: Sequence[Member], units: Mapping[str, str], *, without: Collection[str] = ()
+) -> Distinction:
+    """Up to six members have names, more have colours by their swept number, if there is one.
+
+    Their values of the keys `without` are shown otherwise.
+    """
+    first = members[0]
+    keys = [key for key in first.unnamed if key not in without]
+    values = {one.number: [one.values[key] for key in keys] for one in members}
+    names = {
+        one.number: ", ".join(filter(None, [one.name, *map(value_in_words, values[one.number])]))
+        for one in members
+    }
+    labels = ["design"] * bool(first.name)
+    labels += [key_label(key, units, first.specification, tuple(first.values)) for key in keys]
+    heading = ", ".join(labels)
+    if len(set(names.values())) <= _MOST_NAMED:
+        words = {number: {"label": name} for number, name in names.items()}
+        return Distinction(words=words, titles={"heading": heading})
+    if len(labels) == 1 and all(isinstance(own[0], int | float) for own in values.values()):
+        numbers = {number: {"by": float(own[0])} for number, own in values.items()}
+        return Distinction(words=numbers, titles={"bar": heading})
+    title = f"{len(members)} members: {heading}"
+    return Distinction(words=dict.fromkeys(values, _PALE), titles={"heading": title})
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """The runs of a figure, in columns by title."""
+
+    columns: Mapping[str, Sequence[FinishedRun]]
+    words: Mapping[FinishedRun, dict[str, Any]]  # label, look or number of their curves
+    titles: Mapping[str, Any]  # heading of the legend, or name of the colour bar
+
+    @property
+    def runs(self) -> list[FinishedRun]:
+        """All of them."""
+        return list(self.words)
+
+    @property
+    def best(self) -> FinishedRun:
+        """The run with the smallest error; the last run if none has an error."""
+        measured = [one for one in self.runs if math.isfinite(one.error)]
+        return min(measured, key=lambda one: one.error) if measured else self.runs[-1]
+
+    def curves(self, motion: Motion, runs: Sequence[FinishedRun] | None = None) -> list[Curve]:
+        """A curve for every run by `motion`, its abscissas and ordinates; members have no look.
+
+        Where nothing distinguishes members, also their mean.
+        """
+        shown = self.runs if runs is None else runs
+        pairs = [motion(one) for one in shown]
+        curves = [
+            Curve(x=x, y=y, **self.words[one]) for one, (x, y) in zip(shown, pairs, strict=True)
+        ]
+        return [*curves, *mean_of(curves)]
+
+
+def mean_of(curves: Sequence[Curve]) -> list[Curve]:
+    """The mean of curves of members that nothing distinguishes and that have the same abscissas."""
+    if any(one.look is not _PALE["look"] for one in curves):
+        return []
+    x = curves[0].x
+    if not all(np.array_equal(one.x, x) for one in curves):
+        return []
+    return [Curve(x=x, y=np.mean([one.y for one in curves], axis=0), label="mean", look=_MEAN)]
+
+
+def select(
+    experiment: Experiment,
+    finished: Sequence[FinishedRun],
+    is_drawable: Callable[[FinishedRun], object] = lambda item: True,
+    reason: str = "",
+) -> Shown:
+    """One run for every method, on the finest steps with which most methods succeeded.
+
+    There is a column for every degree. Of a sweep up to 100 members on the finest steps by the
+    first method, evenly chosen, with a column for every value of the key that has fewest. Runs that
+    failed or diverged are shown where all did.
+
+    Raises
+    ------
+    NothingToDraw
+        If no run is drawable, for this reason.
+    """
+    moving = [one for one in finished if one.trajectory.time.size > 1]
+    usable = [one for one in moving if is_drawable(one)]
+    if not usable:
+        raise NothingToDraw(reason if moving else "every run failed at its start")
+    able = [one for one in usable if one.status in ("ok", "floor")] or usable
+    if experiment.members:
+        finest = finest_of_members(able)
+        return _members(experiment, finest[:: -(-len(finest) // _MOST_MEMBERS)])
+    counts = Counter(one.run.n_steps for one in able)
+    n_steps = max(counts, key=lambda n: (counts[n], n))
+    shown = [one for one in able if one.run.n_steps == n_steps]
+    methods = [one.run.method for one in shown]
+    looks, names = method_looks(methods), method_names(methods)
+    words = {
+        one: {"label": names[case], "look": replace(looks[case], marker="")}
+        for one, case in zip(shown, (method.case for method in methods), strict=True)
+    }
+    step = f"$h={shown[0].run.step_size:.4g}$ {experiment.units.get('time', '')}".rstrip()
+    is_equal = experiment.grading == 1.0 and experiment.accuracy is None
+    columns = {
+        ", ".join(filter(None, [degree, step * is_equal])): own
+        for degree, own in by_degree(shown).items()
+    }
+    return Shown(columns=columns, words=words, titles={})
+
+
+def _members(experiment: Experiment, shown: Sequence[FinishedRun]) -> Shown:
+    members, units = experiment.members, experiment.units
+    keys = {
+        key: dict.fromkeys(value_in_words(one.values[key]) for one in members)
+        for key in members[0].unnamed
+    }
+    few = [key for key, values in keys.items() if 1 < len(values) <= _MOST_PANELS]
+    is_split = len(keys) > 1 and len(members) > _MOST_NAMED and bool(few)
+    key = min(few, key=lambda one: len(keys[one])) if is_split else ""
+    found = distinguish(members, units, without=(key,))
+    words = {one: found.of(one.run.member) for one in shown}
+    columns: dict[str, list[FinishedRun]] = {}
+    for one in shown:
+        title = ""
+        if key and one.run.member is not None:
+            label = key_label(key, units, members[0].specification, experiment.swept)
+            title = f"{label} = {value_in_words(one.run.member.values[key])}"
+        columns.setdefault(title, []).append(one)
+    return Shown(columns=columns, words=words, titles=found.titles)
+
+
+def members_apart(
+    finished: Sequence[FinishedRun], *, without: Collection[str] = ()
+) -> list[list[FinishedRun]]:
+    """The runs of every member, together with those that differ in the keys `without` alone."""
+    groups: dict[tuple[str, ...], list[FinishedRun]] = {}
+    for one in finished:
+        if one.run.member is not None:
+            values = one.run.member.values.items()
+            own = [value_in_words(value) for key, value in values if key not in without]
+            groups.setdefault((one.run.member.name, *own), []).append(one)
+    return list(groups.values())
+
+
+def by_degree(finished: Sequence[FinishedRun]) -> dict[str, list[FinishedRun]]:
+    """The runs of every degree of BDF, by title; an empty one where there is only one degree."""
+    degrees = {one: _degree(one.run.method) for one in finished}
+    every = sorted(set(degrees.values()) - {0})
+    if len(every) < 2:
+        return {"": list(finished)}
+    return {
+        f"degree {degree}": [one for one in finished if degrees[one] in (0, degree)]
+        for degree in every
+    }
+
+
+def _degree(method: AnyMethod) -> int:
+    """The degree of a BDF method; 0 of methods that have no choice of it."""
+    return 0 if isinstance(method, Baseline) or method.is_runge_kutta else method.degree
