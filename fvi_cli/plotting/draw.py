@@ -69,7 +69,7 @@ def figure(
         letter = rf"$\mathbf{{{chr(97 + number % 26)}}}$  " if len(used) > 1 else ""
         axes.set_title(letter + panel.title)
         is_covered = sharex and place + columns < len(placed) and placed[place + columns]
-        is_beside = sharey and column and placed[place - 1]
+        is_beside = column and placed[place - 1] and placed[place - 1].y == panel.y
         axes.tick_params(labelbottom=not is_covered)
         axes.set_xlabel("" if is_covered else wrap(panel.x, _PER_INCH * width / columns))
         axes.set_ylabel("" if is_beside else wrap(panel.y, _PER_INCH * heights[row]))
