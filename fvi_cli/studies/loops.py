@@ -30,6 +30,8 @@ LEAST_AMPLITUDE = 1e-3
 """Share of the whole range below which a loop belongs to the decay after the test."""
 WIDER = 1.01
 """The largest loop has a row of its own if it is wider than the last one by this factor."""
+SWING = 0.25
+"""Share of the range of a loop from which on a maximum counts as one of another period."""
 LAST, LARGEST = "last", "largest"
 LEAST_POINTS = 20
 """Least stored points of a loop; with 20 the stiffness of a viscous damper errs by 0.2 %."""
@@ -82,8 +84,8 @@ def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
 def loops_of(time: Array, deformation: Array, force: Array) -> dict[str, DamperLoop]:
     """The last loop, and the widest one where that is wider; empty where there is no loop.
 
-    A loop lies between two rises of the deformation through the middle of its range; between the
-    points both are cubic polynomials. Loops of less than a thousandth of the range, such as
+    A loop is one period: it lies between two rises of the deformation through the middle of its
+    range, with one maximum between them; between the points both are cubic polynomials. Loops of less than a thousandth of the range, such as
     round-off at rest, do not count. With too few points the numbers are nan. A stiffness below the
     error of the run is 0, its loss factor infinite. Keys are :data:`LAST` and :data:`LARGEST`.
     """
@@ -96,13 +98,22 @@ def loops_of(time: Array, deformation: Array, force: Array) -> dict[str, DamperL
     rises = np.flatnonzero(~above[:-1] & above[1:])
     pairs = list(itertools.pairwise(rises.tolist()))
     widths = np.array([np.ptp(y[first : last + 1]) for first, last in pairs])
-    wide = np.flatnonzero(widths > LEAST_AMPLITUDE * np.ptp(y))
-    if not wide.size:
+    wide = np.flatnonzero(widths > LEAST_AMPLITUDE * np.ptp(y)).tolist()
+    last = next((k for k in reversed(wide) if _is_one_period(y, *pairs[k])), None)
+    if last is None:
         return {}
-    chosen = {LAST: int(wide[-1])}
-    if widths.max() > WIDER * widths[wide[-1]]:
-        chosen[LARGEST] = int(widths.argmax())
+    by_width = sorted(wide, key=lambda k: -widths[k])
+    largest = next(k for k in by_width if _is_one_period(y, *pairs[k]))
+    chosen = {LAST: last} | ({LARGEST: largest} if widths[largest] > WIDER * widths[last] else {})
     return {word: _loop(t, y, f, middle, *pairs[index]) for word, index in chosen.items()}
+
+
+def _is_one_period(y: Array, first: int, last: int) -> bool:
+    """Whether the deformation has one maximum between two rises, but for small ripples."""
+    from scipy.signal import find_peaks
+
+    within = y[first : last + 2]
+    return bool(find_peaks(within, prominence=SWING * np.ptp(within))[0].size == 1)
 
 
 def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) -> DamperLoop:

@@ -147,3 +147,17 @@ def test_the_largest_loop_stands_beside_the_last_where_it_is_another(sizes):
         assert largest.amplitude == pytest.approx(3.0, rel=1e-3)
         assert largest.begin == pytest.approx(1 + sizes.index(3.0), abs=0.01)
         assert largest.work == pytest.approx(np.pi * 9 * 5 * math.sin(shift), rel=0.02)
+
+
+def test_the_last_loop_is_one_period_where_the_motion_leaves_its_middle_for_a_while():
+    time = np.linspace(0.0, 8.2, 3281)
+    away = np.clip(np.minimum(time - 4.9, 7.9 - time) / 0.4, 0.0, 1.0)
+    turn, shift = 2 * np.pi * time, math.atan(0.7)
+    y, f = ((1 - 0.7 * away) * np.sin(turn + k * shift) + 0.6 * away for k in (0, 1))
+    middle = 0.5 * (y.max() + y.min())
+    rises = time[:-1][(y[:-1] <= middle) & (y[1:] > middle)]
+    # a control: the last two rises lie several periods apart
+    assert rises[-1] - rises[-2] > 1.9
+    last = loops_of(time, y, f)[LAST]
+    assert last.end - last.begin == pytest.approx(1.0, abs=0.1)
+    assert last.loss_factor == pytest.approx(0.7, abs=0.1)
