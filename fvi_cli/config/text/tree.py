@@ -1,8 +1,7 @@
 """YAML text to plain values, with the place of every value and of every key.
 
 Words are read by the core schema of YAML 1.2: ``1e-3`` is a number, ``no`` and ``on`` are text,
-``0o17`` is 15 and ``017`` is 17. The values are built from the parser's events with limits on
-their size, because the text may be hostile.
+``0o17`` is 15 and ``017`` is 17. There are limits on sizes, because the text may be hostile.
 """
 
 from __future__ import annotations
@@ -10,7 +9,6 @@ from __future__ import annotations
 import contextlib
 import math
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -23,6 +21,10 @@ LARGEST_TEXT: Final = 1_000_000  # characters
 DEEPEST_NESTING: Final = 50
 MOST_VALUES: Final = 50_000  # with those that aliases repeat
 LONGEST_NUMBER: Final = 400  # digits; longer ones count as infinite
+TOO_DEEP: Final = f"nested more than {DEEPEST_NESTING} deep"
+
+_PLAIN: Final = [f"tag:yaml.org,2002:{word}" for word in ("str", "seq", "map")]
+"""Tags of values without a tag of their own."""
 
 _INTEGER: Final = re.compile(r"[-+]?[0-9]+")
 _OTHER_BASE: Final = re.compile(r"0o[0-7]+|0x[0-9a-fA-F]+")
@@ -79,21 +81,12 @@ class Document:
     places: dict[KeyPath, Place] = field(default_factory=dict)  # of values
     key_places: dict[KeyPath, Place] = field(default_factory=dict)
     quoted: set[KeyPath] = field(default_factory=set)  # texts whose columns are not the file's
-    aliases: dict[KeyPath, KeyPath] = field(default_factory=dict)  # to what they repeat
-
-    def origin(self, path: KeyPath) -> KeyPath:
-        """The path at which something is written that aliases may repeat elsewhere."""
-        for depth in range(len(path), 0, -1):
-            if path[:depth] in self.aliases:
-                return self.origin((*self.aliases[path[:depth]], *path[depth:]))
-        return path
 
     def place(self, path: KeyPath, *, of_key: bool = False, column: int | None = None) -> Place:
         """The place of a value, or of its key; where it is missing, of what should hold it.
 
         `column` counts from 1 in a text that stands there.
         """
-        path = self.origin(path)
         if of_key and path in self.key_places:
             return self.key_places[path]
         if column and path in self.places and path not in self.quoted:
@@ -110,16 +103,15 @@ class Document:
 
     def move(self, path: KeyPath, other: KeyPath) -> None:
         """Give what stands at a path the places of another path."""
-        origin, depth = self.origin(other), len(self.origin(other))
         self.forget(path)
+        depth = len(other)
         for known in (self.places, self.key_places):
-            inner = {one: at for one, at in known.items() if one[:depth] == origin}
+            inner = {one: at for one, at in known.items() if one[:depth] == other}
             known.update({(*path, *one[depth:]): at for one, at in inner.items()})
-        self.quoted |= {(*path, *one[depth:]) for one in self.quoted if one[:depth] == origin}
+        self.quoted |= {(*path, *one[depth:]) for one in self.quoted if one[:depth] == other}
 
     def forget(self, path: KeyPath) -> None:
         """Forget the places at a path and below."""
-        path = self.origin(path)
         for known in (self.places, self.key_places):
             for inside in [one for one in known if one[: len(path)] == path]:
                 del known[inside]
@@ -148,8 +140,8 @@ def read_scalar(text: str) -> Any:
 def read_document(text: str, source: str) -> Document:
     """Read the single YAML document of a text.
 
-    Anchors and aliases are understood; tags, repeated keys, a second document, and keys that are
-    not words are mistakes.
+    Anchors and aliases are understood; tags, repeated keys, and keys that are not words are
+    mistakes.
 
     Raises
     ------
@@ -159,138 +151,92 @@ def read_document(text: str, source: str) -> Document:
     if len(text) > LARGEST_TEXT:
         message = f"more than {LARGEST_TEXT} characters: too large"
         raise MistakesError(Mistake(Place(source, 1, 1), (), message))
-    return _Reader(text, source).document()
+    reader, node = _Reader(source), _composed(text, source)
+    if node is not None:
+        reader.found.value = reader.value(node, ())
+    if reader.found.value is None:
+        message = "the configuration is empty; `fvi new` writes one"
+        reader.mistakes.append(Mistake(Place(source, 1, 1), (), message))
+    if reader.mistakes:
+        raise MistakesError(*reader.mistakes)
+    return reader.found
 
 
-class _Reader:
-    """Builds the values from events."""
-
-    def __init__(self, text: str, source: str) -> None:
-        self.source, self.found = source, Document(source)
-        self.mistakes: list[Mistake] = []
-        self.events = _events(text, source)
-        # path, value and number of values; None: the end of the anchor has not been read
-        self.anchors: dict[str, tuple[KeyPath, Any, int] | None] = {}
-        self.size = 0
-
-    def document(self) -> Document:
-        documents = 0
-        for event in self.events:
-            if isinstance(event, yaml.DocumentStartEvent):
-                documents += 1
-                if event.version not in (None, (1, 2)) or event.tags:
-                    self.add(self.place(event), (), "directives other than %YAML 1.2 are not read")
-                if documents > 1:
-                    self.give_up(event, (), "a second document begins here; one file holds one")
-                self.found.value = self.value(next(self.events), ())
-        if self.found.value is None:
-            message = "the configuration is empty; `fvi new` writes one"
-            self.add(Place(self.source, 1, 1), (), message)
-        if self.mistakes:
-            raise MistakesError(*self.mistakes)
-        return self.found
-
-    def value(self, event: Any, path: KeyPath) -> Any:
-        """The value that begins with an event."""
-        self.found.places[path] = place = self.place(event)
-        if isinstance(event, yaml.AliasEvent):
-            return self.repeated(event, path)
-        if len(path) > DEEPEST_NESTING:
-            self.give_up(event, (), f"nested more than {DEEPEST_NESTING} deep")
-        self.count(event, path, 1)
-        if event.tag is not None:
-            self.add(place, path, f"the tag {event.tag!r} is not allowed; write the plain value")
-        before, value = self.size, None
-        if event.anchor is not None:
-            self.anchors[event.anchor] = None
-        if isinstance(event, yaml.ScalarEvent):
-            value = self.scalar(event, path)
-        elif isinstance(event, yaml.SequenceStartEvent):
-            value = [self.value(one, (*path, n)) for n, one in enumerate(self.until_end())]
-        else:
-            value = self.mapping(path)
-        if event.anchor is not None:
-            self.anchors[event.anchor] = path, value, self.size - before + 1
-        return value
-
-    def until_end(self) -> Iterator[Any]:
-        """The events with which entries of a list or mapping begin."""
-        for event in self.events:
-            if isinstance(event, yaml.CollectionEndEvent):
-                return
-            yield event
-
-    def scalar(self, event: Any, path: KeyPath) -> Any:
-        is_plain = event.style in (None, "")
-        value = read_scalar(event.value) if is_plain else event.value
-        if not is_plain or event.start_mark.line != event.end_mark.line:
-            self.found.quoted.add(path)
-        return value
-
-    def mapping(self, path: KeyPath) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        for event in self.until_end():
-            place = self.place(event)
-            if not isinstance(event, yaml.ScalarEvent):
-                self.give_up(event, path, "a key must be a word")
-            key = event.value
-            if key in values:
-                line = self.found.key_places[*path, key].line
-                self.add(place, (*path, key), f"given twice, first in line {line}")
-            self.found.key_places.setdefault((*path, key), place)
-            values[key] = self.value(next(self.events), (*path, key))
-        return values
-
-    def repeated(self, event: Any, path: KeyPath) -> Any:
-        """The value of an alias: that of its anchor."""
-        known = self.anchors.get(event.anchor)
-        if known is None:
-            message = f"there is no complete anchor &{event.anchor} before it"
-            return self.give_up(event, path, message)
-        origin, value, size = known
-        self.found.aliases[path] = origin
-        self.count(event, path, size)
-        return value
-
-    def count(self, event: Any, path: KeyPath, values: int) -> None:
-        self.size += values
-        if self.size > MOST_VALUES:
-            self.give_up(event, path, f"more than {MOST_VALUES} values, with repeated ones")
-
-    def place(self, event: Any) -> Place:
-        return Place(self.source, event.start_mark.line + 1, event.start_mark.column + 1)
-
-    def add(self, place: Place, path: KeyPath, message: str) -> None:
-        self.mistakes.append(Mistake(place, path, message))
-
-    def give_up(self, event: Any, path: KeyPath, message: str) -> Any:
-        self.add(self.place(event), path, message)
-        raise MistakesError(*self.mistakes)
-
-
-def _events(text: str, source: str) -> Iterator[yaml.Event]:
-    """Events of the fast parser in C; if it finds a mistake, those of the one in Python.
-
-    The messages of the latter are better, and it is always there.
-    """
-    fast = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+def _composed(text: str, source: str) -> yaml.Node | None:
+    """The node of a document; the parser in C is fast, that in Python has the better messages."""
     with contextlib.suppress(yaml.YAMLError):
-        return iter(list(yaml.parse(text, fast)))
-    return _slow_events(text, source)
-
-
-def _slow_events(text: str, source: str) -> Iterator[yaml.Event]:
+        return _node(text, source, getattr(yaml, "CBaseLoader", yaml.BaseLoader))
     place = Place(source, 1, 1)
     try:
-        yield from yaml.parse(text, yaml.SafeLoader)
+        return _node(text, source, yaml.BaseLoader)
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
         place = Place(source, before.count("\n") + 1, error.position - before.rfind("\n"))
-        raise MistakesError(Mistake(place, (), "a character that YAML does not allow")) from None
+        message = "a character that YAML does not allow"
     except yaml.MarkedYAMLError as error:
         if mark := error.problem_mark or error.context_mark:
             place = Place(source, mark.line + 1, mark.column + 1)
         message = f"not YAML: {error.problem}; is the indentation right, does a text need quotes?"
-        raise MistakesError(Mistake(place, (), message)) from None
     except (ValueError, OverflowError, IndexError, yaml.YAMLError):
-        raise MistakesError(Mistake(place, (), "not YAML: a wrong escape")) from None
+        message = "not YAML: a wrong escape"
+    raise MistakesError(Mistake(place, (), message))
+
+
+def _node(text: str, source: str, loader: Any) -> yaml.Node | None:
+    depth = 0
+    for event in yaml.parse(text, loader):
+        depth += isinstance(event, yaml.CollectionStartEvent)
+        depth -= isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEEPEST_NESTING:
+            raise MistakesError(Mistake(_place(event, source), (), TOO_DEEP))
+    return yaml.compose(text, loader)
+
+
+def _place(node: Any, source: str) -> Place:
+    return Place(source, node.start_mark.line + 1, node.start_mark.column + 1)
+
+
+class _Reader:
+    """Builds the values from nodes, which aliases may repeat."""
+
+    def __init__(self, source: str) -> None:
+        self.found, self.mistakes, self.size = Document(source), list[Mistake](), 0
+
+    def value(self, node: Any, path: KeyPath) -> Any:
+        """The value of a node."""
+        self.found.places[path] = _place(node, self.found.source)
+        self.size += 1
+        if self.size > MOST_VALUES:
+            self.give_up(node, path, f"more than {MOST_VALUES} values, with repeated ones")
+        if len(path) > DEEPEST_NESTING:
+            self.give_up(node, (), TOO_DEEP)
+        if node.tag not in _PLAIN:
+            self.add(node, path, f"the tag {node.tag!r} is not allowed; write the plain value")
+        if isinstance(node, yaml.SequenceNode):
+            return [self.value(one, (*path, n)) for n, one in enumerate(node.value)]
+        if isinstance(node, yaml.MappingNode):
+            return self.mapping(node, path)
+        is_plain = not node.style
+        if not is_plain or node.start_mark.line != node.end_mark.line:
+            self.found.quoted.add(path)
+        return read_scalar(node.value) if is_plain else node.value
+
+    def mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for key_node, inner in node.value:
+            if not isinstance(key_node, yaml.ScalarNode):
+                self.give_up(key_node, path, "a key must be a word")
+            key = (*path, key_node.value)
+            if key_node.value in values:
+                line = self.found.key_places[key].line
+                self.add(key_node, key, f"given twice, first in line {line}")
+            self.found.key_places.setdefault(key, _place(key_node, self.found.source))
+            values[key_node.value] = self.value(inner, key)
+        return values
+
+    def add(self, node: Any, path: KeyPath, message: str) -> None:
+        self.mistakes.append(Mistake(_place(node, self.found.source), path, message))
+
+    def give_up(self, node: Any, path: KeyPath, message: str) -> None:
+        self.add(node, path, message)
+        raise MistakesError(*self.mistakes)
