@@ -13,7 +13,7 @@ from fvi_cli.scenes.keys.mistakes import first_mistake
 from fvi_cli.scenes.keys.values import BY_FORM, KeyPath, Wrong
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.studies.experiment import Experiment, FigureKind
-from fvi_cli.studies.figure_settings import EXTENTS, FigureSettings
+from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member
 
 _EVENTS: Final = "; give events: {turn: {when: vx, direction: falling}}"
@@ -56,7 +56,11 @@ def wrong_figures(
                 place = (index, "ensemble", number)
                 yield from _unknown(name, known, "a coordinate or quantity", place, _QUANTITIES)
         else:
-            yield from _wrong_plot(one, quantities, events, (index, "plot"))
+            which, quantity = one.extent
+            if one.plot not in events and not (which and quantity in quantities):
+                known = [*(f"peak_{name}" for name in quantities), *events]
+                what = "peak_<quantity> or an event"
+                yield from _unknown(one.plot or "", known, what, (index, "plot"), _QUANTITIES)
             keys = _swept(members)
             key = one.against or ""
             empty = _SWEEP.format(excerpt(key)) if key.startswith("problem.") else _OVER_TIME
@@ -79,12 +83,6 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
     ArgumentError
         At ``figure``.
     """
-    if isinstance(given, str) and given.partition("_")[0] in EXTENTS:
-        key = next(iter(_swept(experiment.members)), "")
-        advice = "it is drawn against a swept key, and nothing is swept; see fvi.quantities(...)"
-        if key:
-            advice = f'write {{"plot": "{given}", "against": "{key}"}}'
-        raise ArgumentError("figure", f"{excerpt(given)!r} is a number of every run; {advice}")
     model: Any = Annotated[FigureKind | FigureSettings, BY_FORM]
     value = given if isinstance(given, str) else dict(given)
     try:
@@ -106,21 +104,6 @@ def _swept(members: Sequence[Member]) -> list[str]:
         if all(isinstance(member.values[key], int | float) for member in members)
     ]
     return [key for key in numbers if len({member.values[key] for member in members}) > 1]
-
-
-def _wrong_plot(
-    one: FigureSettings, quantities: Collection[str], events: Collection[str], place: KeyPath
-) -> Iterator[Wrong]:
-    which, quantity = one.extent
-    plot = one.plot or ""
-    if plot in events or (which and quantity in quantities):
-        return
-    if plot in quantities:
-        others = ", ".join(f"{e}_{plot}" for e in EXTENTS[1:])
-        yield Wrong(place, f"write peak_{plot}; or {others}")
-        return
-    known = [*(f"peak_{name}" for name in quantities), *events]
-    yield from _unknown(plot, known, "peak_<quantity> or an event", place, _QUANTITIES)
 
 
 def _unknown(

@@ -25,7 +25,6 @@ from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.config.text.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
 from fvi_cli.errors import ConfigError, excerpt
 from fvi_cli.scenes.keys.mistakes import describe
-from fvi_cli.scenes.keys.values import KeyPath
 from fvi_cli.studies.experiment import Experiment
 
 _CHECKED_AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
@@ -208,10 +207,6 @@ def _read(
     except ValidationError as error:
         report.validation(error, values, ExperimentKeys)
         keys = _partly(values, report, before, context)
-    told = {one.path for one in report.found[before:]}
-    for path in _empty(values):
-        if (*report.prefix, *path) not in told:
-            report.add("the value is missing", *path)
     if keys is None:
         return None
     return build_experiment(
@@ -223,19 +218,6 @@ def _read(
         base=base,
         before=before,
     )
-
-
-def _empty(values: Any, path: KeyPath = ()) -> Iterator[KeyPath]:
-    """Key paths of empty values; in members they take a key away."""
-    if values is None:
-        yield path
-    elif isinstance(values, dict):
-        for key, one in values.items():
-            if key not in ("designs", "sweep", "set"):
-                yield from _empty(one, (*path, key))
-    elif isinstance(values, list):
-        for number, one in enumerate(values):
-            yield from _empty(one, (*path, number))
 
 
 def _partly(

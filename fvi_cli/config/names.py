@@ -61,19 +61,18 @@ def other_meanings(observed: Observations, first: AnyProblem, own: AnyProblem) -
         words = f"has the coordinates {listed(own.coordinates)}, the first member "
         yield Wrong(("problem",), f"{words}{listed(first.coordinates)}; write the same in all")
         return
-    events = {name: one.when for name, one in (observed.events or {}).items()}
     expected, found = damper_values(first.scene), damper_values(own.scene)
     numbers = {*known_names(first.coordinates, observed.parameters), *observed.inputs}
-    for key, formulas in (("quantities", observed.quantities or {}), ("events", events)):
-        for name, formula in formulas.items():
-            if reason := spoilt_force(formula, own, has_impacts=bool(observed.impacts)):
-                yield Wrong((key, name), reason, of_key=True)
-            for word in sorted(formula.names & expected.keys() - numbers):
-                if found.get(word) != expected[word]:
-                    what = "is that of another damper" if word in found else "does not exist"
-                    words = f"{word} {what} here; write the dampers of all members with the same "
-                    words += "names and order, and one that is absent with coefficient 0"
-                    yield Wrong((key, name), words, of_key=True)
+    events = {name: one.when for name, one in (observed.events or {}).items()}
+    for name, formula in {**(observed.quantities or {}), **events}.items():
+        place = "events" if name in events else "quantities", name
+        if reason := spoilt_force(formula, own, has_impacts=bool(observed.impacts)):
+            yield Wrong(place, reason, of_key=True)
+        for word in sorted(formula.names & expected.keys() - numbers):
+            if found.get(word) != expected[word]:
+                words = f"{word} is another damper here, or none; write the dampers of all members "
+                words += "with the same names and order, and one that is absent with coefficient 0"
+                yield Wrong(place, words, of_key=True)
 
 
 def wrong_units(

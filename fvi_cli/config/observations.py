@@ -23,7 +23,6 @@ from fvi_cli.integrator.observe.surface import Surface, start_objection
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.keys.values import Wrong, plain, unknown_names
 from fvi_cli.scenes.problem import AnyProblem, Problem
-from fvi_cli.studies.figure_settings import FigureSettings
 
 KEYS: Final = ("output", "quantities", "events", "impacts")
 
@@ -34,19 +33,16 @@ def read_observations(
     """The outputs that the keys of an experiment request."""
     given = [name for name in KEYS if getattr(keys, name) is not None]
     is_prescribed = isinstance(problem, Problem) and problem.scene.prescribed is not None
-    drawn = _drawn(keys, problem)
-    if not given and not is_prescribed and not drawn:
+    if not given and not is_prescribed:
         return Observations()
     if not isinstance(problem, Problem):
         message = f"not for kind {problem.kind}, which has no motion"
         report.add(message, given[0], of_key=True)
         return Observations()
-    key = (*given, *["figures"] * bool(drawn), "problem")[0]
-    report.extend(_excluded(keys, methods, key))
+    report.extend(_excluded(keys, methods, (*given, "problem")[0]))
     requested = requested_quantities(keys)
-    texts = {**requested, **{name: name for name in drawn}}
     # a quantity of the user's own hides a built-in one
-    ready = {k: one for k, one in problem.ready.items() if texts.get(k, k) == k}
+    ready = {k: one for k, one in problem.ready.items() if requested.get(k, k) == k}
     names = names_along(problem, ready)
     of_surfaces = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
     quantities: dict[str, Expression] = {}
@@ -58,8 +54,6 @@ def read_observations(
             place = ("quantities", keys.quantities.index(name))  # type: ignore[assignment]
         if (found := _formula(name, text, names, problem, report, *place)) is not None:
             quantities[name] = found.expand(ready)
-    for name in drawn:
-        quantities[name] = Expression.parse(name, variables=names).expand(ready)
     for name, event in (keys.events or {}).items():
         found = _formula(name, event.when, names, problem, report, "events", name, "when")
         if found is not None and found.is_constant:
@@ -110,13 +104,6 @@ def requested_quantities(keys: ExperimentKeys) -> Mapping[str, str]:
     """The formulas under ``quantities`` by name."""
     given: Any = keys.quantities or {}
     return {name: name for name in given} if isinstance(given, list) else given
-
-
-def _drawn(keys: ExperimentKeys, problem: AnyProblem) -> list[str]:
-    """Built-in quantities that figures show and ``quantities`` does not request."""
-    shown = [one.extent[1] for one in keys.figures if isinstance(one, FigureSettings)]
-    named = requested_quantities(keys)
-    return [name for name in dict.fromkeys(shown) if name in problem.ready and name not in named]
 
 
 def _formula(

@@ -140,7 +140,7 @@ def test_ready_quantities_serve_events_figures_units_fits_and_gradients(tmp_path
     assert found.events["over"].time.size > 0
     figure = "figures: [{plot: peak_base_shear, against: problem.dampers.0.coefficient}]\n"
     swept = SHAKEN + "sweep: {problem.dampers.0.coefficient: [3.0, 30.0]}\n" + figure
-    swept += "units: {base_shear: kN}\n"
+    swept += "quantities: [base_shear]\nunits: {base_shear: kN}\n"
     (experiment,) = parse_config(swept, "tower.yaml").experiments
     assert list(experiment.observations.quantities) == ["base_shear"]
     # the derivative of a shear by a number of the scene is that of its formula

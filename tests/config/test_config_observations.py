@@ -148,7 +148,7 @@ def test_parameters_of_a_force_are_known_everywhere_and_swept(tmp_path):
     numbers = FRAME.replace("strength*sin(omega*t)\n  final", "0.5*sin(1.5*t)\n  final")
     path.write_text(numbers.partition("sweep")[0], encoding="utf-8")
     (plain,) = fvi.run(path)
-    assert np.array_equal(plain.finished[0].trajectory.position, weak.position)
+    assert np.abs(plain.finished[0].trajectory.position - weak.position).max() < 1e-13
 
 
 SHADOWED = {
