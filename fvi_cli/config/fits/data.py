@@ -20,7 +20,7 @@ from fvi_cli.scenes.keys.values import plain
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
 from fvi_cli.scenes.records.inputs import DataFileError
-from fvi_cli.scenes.registry import OnlyProblem, build_scene
+from fvi_cli.scenes.registry import OnlyProblem
 from fvi_cli.studies.fits.settings import (
     Amplitude,
     DataSet,
@@ -64,45 +64,32 @@ def fit_settings(
         chosen, where = fit.parameters, report.under("parameters")
         if model is not None:
             specification = _changed(name, model.set, template, report)
-            chosen = _without(chosen, model.set)
+            chosen = {key: one for key, one in chosen.items() if not _is_set(key, model.set)}
             if model.parameters is not None:
                 chosen, where = model.parameters, under.under("parameters")
         if specification is None:
             continue
         found = tuple(_parameters(chosen, specification, where))
-        starts = {one.key: one.start for one in found}
-        if len(report) == before and _is_possible(specification, starts, where):
-            models.append(FitModel(name=name, specification=specification, parameters=found))
-    size = sum(one.size for one in data)
-    for made in models:
-        if size <= (free := len(made.parameters)):
-            words = f"{size} measured values are too few for {free} parameters"
-            report.add(f"{words}; at least {free + 1} are needed", "data")
-        if free == 0:
-            report.add("give at least one parameter to be fitted", "parameters")
-    noise = fit.noise
-    relative = noise.relative if isinstance(noise, NoiseKeys) else None
-    if relative is not None:
-        _check_sizes(data, report)
+        models.append(FitModel(name=name, specification=specification, parameters=found))
     if len(report) > before:
         return None
-    deviation = noise if isinstance(noise, float | int) else None
+    size, most = sum(one.size for one in data), max(len(one.parameters) for one in models)
+    if size <= most:
+        words = f"{size} measured values are too few for {most} parameters"
+        report.add(f"{words}; at least {most + 1} are needed", "data")
+    if not all(one.parameters for one in models):
+        report.add("give at least one parameter to be fitted", "parameters")
     return FitSettings(
-        data=tuple(data), models=tuple(models), deviation=deviation, relative=relative
+        data=tuple(data),
+        models=tuple(models),
+        deviation=fit.noise if isinstance(fit.noise, float | int) else None,
+        relative=fit.noise.relative if isinstance(fit.noise, NoiseKeys) else None,
     )
 
 
-def _check_sizes(data: Iterable[DataSet], report: Report) -> None:
-    """Refuse measured values of 0, which noise relative to them would make exact."""
-    for one in data:
-        for series in one.series:
-            zeros = series.times[series.values == 0.0]
-            if zeros.size:
-                report.add(
-                    f"column {series.column} of {one.name} is 0 at {zeros[0]:g}, where noise "
-                    "relative to it would be 0; leave this row out, or write a number",
-                    *("noise", "relative"),
-                )
+def _is_set(key: str, changes: Iterable[str]) -> bool:
+    """Whether a model sets a parameter, or what holds it."""
+    return any(f"{key}.".startswith(f"{one}.") for one in changes)
 
 
 def _changed(
@@ -121,17 +108,6 @@ def _changed(
         place_changes(Choice(changes=changes, places=places), whole)
         whole.validation(error, values, OnlyProblem)
     return None
-
-
-def _without(
-    parameters: Mapping[str, ParameterKeys], changes: Iterable[str]
-) -> dict[str, ParameterKeys]:
-    """The parameters that a model does not set."""
-    return {
-        key: value
-        for key, value in parameters.items()
-        if not any(f"{key}.".startswith(f"{one}.") for one in changes)
-    }
 
 
 def _parameters(
@@ -171,8 +147,7 @@ def _data(
     is_list = isinstance(report.value("data"), list)
     for number, one in enumerate(fit.data):
         under = report.under(*("data", number)[: 1 + is_list])
-        if one.set and _can_change(template, one.set, under.under("set")):
-            _is_possible(template, one.set, under.under("set"))
+        _can_change(template, one.set, under.under("set"))
         reader = _Reader(given=one, problem=problem, folder=folder, report=under)
         if one.frequency is None:
             forces: tuple[str, ...] = ()
@@ -203,31 +178,23 @@ class _Reader:
 
     def motion(self, quantities: Mapping[str, Expression]) -> Iterator[Series]:
         """The columns of a motion."""
-        problem, under = self.problem, self.report.under("columns")
-        coordinates = problem.coordinates
+        problem, coordinates = self.problem, self.problem.coordinates
         known = names_along(problem, problem.ready)
+        qualities = {f"v{name}": "velocity" for name in coordinates}
+        qualities |= dict.fromkeys(coordinates, "length")
         for name, column in self.given.columns.items():
-            is_velocity = name not in coordinates and name[1:] in coordinates and name[0] == "v"
             formula = quantities.get(name)
-            if formula is None and not (name in coordinates or is_velocity):
-                try:
-                    formula = Expression.parse(name, variables=known).expand(problem.ready)
-                except ExpressionError as error:
-                    measured = list(dict.fromkeys((*quantities, *known)))
-                    reason = "" if error.unknown == name else f": {error}"
-                    words = f"not known{suggestion(name, measured)}{reason} (measured can be: "
-                    words += f"{listed(measured[:12])}, and expressions in them)"
-                    under.add(words, name, of_key=True)
-                    continue
-                if not formula.names - {"t", *problem.numbers, *problem.inputs}:
-                    under.add("it contains no coordinate", name, of_key=True)
-                    continue
-            yield from self._series(
-                name=name,
-                column=str(column),
-                is_velocity=is_velocity and formula is None,
-                formula=formula,
-            )
+            try:
+                formula = formula or Expression.parse(name, variables=known).expand(problem.ready)
+            except ExpressionError as error:
+                measured = list(dict.fromkeys((*quantities, *known)))
+                reason = "" if error.unknown == name else f": {error}"
+                words = f"not known{suggestion(name, measured)}{reason} (measured can be: "
+                words += f"{listed(measured[:12])}, and expressions in them)"
+                self.report.add(words, "columns", name, of_key=True)
+                continue
+            quality = "" if name in quantities else qualities.get(name, "")
+            yield from self._series(name=name, column=str(column), formula=formula, quality=quality)
 
     def forces(self, template: Mapping[str, Any]) -> Iterator[str]:
         """Where the harmonic force of a response acts."""
@@ -305,16 +272,6 @@ def _can_change(template: Mapping[str, Any], changes: Iterable[str], report: Rep
     if wrong is not None:
         _refuse_path(template, wrong, report)
     return wrong is None
-
-
-def _is_possible(template: Mapping[str, Any], changes: Mapping[str, Any], report: Report) -> bool:
-    """Whether changes make a problem; otherwise with a mistake."""
-    try:
-        build_scene(with_values(template, changes))
-    except ValueError as error:
-        report.add(f"with these values the problem is not valid: {error}")
-        return False
-    return True
 
 
 def _may_change(template: Mapping[str, Any], key: str) -> bool:

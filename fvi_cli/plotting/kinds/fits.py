@@ -86,8 +86,7 @@ def _words(series: Series, units: Mapping[str, str]) -> tuple[str, str]:
     """Labels of the panels of a measured column and of its residuals."""
     amplitude = series.amplitude
     if amplitude is None:
-        usual = "velocity" if series.is_velocity else "length"
-        names = (series.column, series.name, *([] if series.formula else [usual]))
+        names = (series.column, series.name, *filter(None, [series.quality]))
         return with_unit(series.column, units, *names), with_unit("residual", units, *names)
     form, part = series.name.removesuffix(f" ({amplitude.part})"), amplitude.part
     if part == "phase":

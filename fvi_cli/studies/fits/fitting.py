@@ -14,7 +14,7 @@ from fvi_cli.studies.fits.intervals import BetterMinimumError, estimates
 from fvi_cli.studies.fits.model import MotionModel
 from fvi_cli.studies.fits.result import Estimate, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import Found, least_squares_from, search
-from fvi_cli.studies.fits.settings import FitModel, FitSettings
+from fvi_cli.studies.fits.settings import FitModel, FitSettings, Series
 from fvi_cli.studies.fits.statistics import (
     ROUND_OFF,
     covariance,
@@ -41,10 +41,10 @@ POINTS_OF_CURVES = 400
 def fit_model(settings: FitSettings, described: FitModel) -> ModelFit:
     """Fit one model."""
     model = MotionModel(described, settings.data, ())
-    model.deviations = [_given_noise(settings, one.values) for one in model.series]
     is_known = settings.deviation is not None or settings.relative is not None
     point = model.start
     try:
+        model.deviations = [_given_noise(settings, one) for one in model.series]
         scale = _scale(model)
         point = search(model, scale).point
         for _ in range(MOST_BETTER + 1):
@@ -60,11 +60,14 @@ def fit_model(settings: FitSettings, described: FitModel) -> ModelFit:
     return ModelFit(model=described, message=message, **_values(model, point))
 
 
-def _given_noise(settings: FitSettings, values: Array) -> Array | float:
+def _given_noise(settings: FitSettings, series: Series) -> Array | float:
     """Deviation of the values of a series; where none is given, their size."""
-    if settings.relative is not None:
-        return settings.relative * np.abs(values)
-    return settings.deviation or rms(values) or 1.0
+    if settings.relative is None:
+        return settings.deviation or rms(series.values) or 1.0
+    if not series.values.all():
+        words = "where relative noise would be 0; leave such rows out, or write a number"
+        raise ValueError(f"column {series.column} is 0 somewhere, {words}")
+    return settings.relative * np.abs(series.values)
 
 
 def _values(model: MotionModel, point: Array) -> dict[str, Any]:

@@ -40,8 +40,8 @@ class Series:
     times: Array
     values: Array
     """Shape ``(n,)``; times (for a response frequencies) increase."""
-    is_velocity: bool = False
-    formula: Expression | None = None  # measured in a motion in place of a coordinate or velocity
+    formula: Expression | None = None  # measured in a motion; by default what the name says
+    quality: str = ""  # key of ``units`` that has its unit
     amplitude: Amplitude | None = None  # measured in a response
 
 
