@@ -69,15 +69,6 @@ class Diagnostics:
         }
         return Diagnostics(**found)
 
-    def until(self, end: float) -> Diagnostics:
-        """Those of a run that ends between two points, where they are not known: nan."""
-        kept = np.flatnonzero(self.time < end)
-        found = self.at(np.append(kept, kept[-1:]))
-        for name, values in vars(found).items():
-            if values is not None:
-                values[-1] = end if name == "time" else math.nan
-        return found
-
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
@@ -98,6 +89,13 @@ class Occurrences:
     time: Array  # (n,), and positions and velocities then, (n, d)
     position: Array
     velocity: Array
+
+    def until(self, end: float) -> Occurrences:
+        """Those up to a time."""
+        kept = self.time <= end
+        return Occurrences(
+            time=self.time[kept], position=self.position[kept], velocity=self.velocity[kept]
+        )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -53,6 +53,7 @@ class FormulaAlong:
     variables: Variables
     # parameters of the members of steps, which have no round-off
     parameters: Callable[[Places], Values] = lambda steps: {}
+    width: int = 1  # numbers that are held for every place
 
     def __call__(self, steps: Places, tau: Array) -> Array:
         """Values at places: steps and tau ``(n,)``, or ``(n, 1)`` and ``(n, k)``."""
@@ -73,8 +74,7 @@ class FormulaAlong:
     ) -> tuple[Array, Array]:
         """Values and round-off, of so many places at a time that variables take little memory."""
         values, noise = np.empty(tau.shape), np.zeros(len(tau))
-        width = max(len(self.expression.names), 1) * max(tau[:1].size, 1)
-        count = max(AT_ONCE // width, 1)
+        count = max(AT_ONCE // (max(self.width, 1) * max(tau[:1].size, 1)), 1)
         for first in range(0, len(tau), count):
             own = slice(first, first + count)
             variables = self.variables(steps[own], tau[own], False)

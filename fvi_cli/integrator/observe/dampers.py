@@ -14,7 +14,7 @@ to the loss of energy; its integral over whole steps is the quadrature of the me
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -28,7 +28,6 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import forces_on
-from fvi_cli.integrator.memory.damping import pattern_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.steps import RunSteps
@@ -120,9 +119,9 @@ def forces_along(
     runs: Sequence[RunSteps],
     damper: int | None = None,
 ) -> list[Array]:
-    """Forces with memory at the stages of runs, ``(n, r, d)``; those of one mesh at once.
+    """Forces with memory at the stages of runs of one kind on one mesh, ``(n, r, d)``.
 
-    For the place of a damper its force on its deformation, ``(n, r, c)``.
+    For the place of a damper its force on its deformation, ``(n, r, c)``. Runs may end early.
     """
     if damper is not None:
         runs = [
@@ -131,18 +130,12 @@ def forces_along(
         ]
         scenes = [damper_alone(scene, damper) for scene in scenes]
     found = [np.zeros_like(run.velocity) for run in runs]
-    groups: dict[Hashable, list[int]] = {}
-    for index, (scene, run) in enumerate(zip(scenes, runs, strict=True)):
-        if scene.active_forces and run.n_steps:
-            # laws change the rates of all, and sparse matrices are not batched
-            runs_individually = bool(scene.active_laws) or scene.is_sparse
-            key = (run.time.tobytes(), pattern_of(scene), scene.final_time)
-            groups.setdefault(index if runs_individually else key, []).append(index)
-    for places in groups.values():
-        own = [scenes[index] for index in places]
-        forces = forces_on(own, method, [runs[index] for index in places])
-        for index, force in zip(places, forces, strict=True):
-            found[index] = force
+    for count in {run.n_steps for run in runs}:
+        own = [k for k, run in enumerate(runs) if run.n_steps == count and scenes[k].active_forces]
+        if own and count:
+            forces = forces_on([scenes[k] for k in own], method, [runs[k] for k in own])
+            for place, force in zip(own, forces, strict=True):
+                found[place] = force
     return found
 
 
@@ -153,8 +146,7 @@ def check_forces(
 
     Above order 1 the force begins like :math:`t^{1 - \gamma}`, and forces at the stages keep an
     error of the first step, as momenta do
-    (:meth:`fvi_cli.integrator.steps.RunSteps.momenta_of_polynomials`): behind impacts of a ball
-    with order 1.5 it is 1e-3 of the weight, with order 1.8 many times the weight, at any step size.
+    (:meth:`fvi_cli.integrator.steps.RunSteps.momenta_of_polynomials`).
 
     Raises
     ------
@@ -177,63 +169,43 @@ def check_forces(
         raise ValueError(f"{name}: {reason}; use caputo, or begin at rest in 0")
 
 
-class DampersAlong:
-    """The dampers of members along their motions; forces of the memory are computed once."""
-
-    def __init__(self, motion: Motion, *, has_impacts: bool = False) -> None:
-        self._motion, self._has_impacts = motion, has_impacts
-        self._forces: dict[int, Sequence[Array]] = {}
-
-    def __call__(self, value: DamperValue, steps: Places, tau: Array) -> Array:
-        """A force, deformation or work at places of steps, shape ``(n,)``."""
-        motion, place, scenes = self._motion, value.place, self._motion.scenes
-        if place == TOGETHER:
-            count = len(dampers_of(scenes[0]))
-            every = (replace(value, place=one) for one in range(count))
-            return np.asarray(sum(self(one, steps, tau) for one in every))
-        if value.kind != "deformation":
-            for scene in scenes:
-                check_forces(
-                    scene,
-                    f"{value.kind}_{place + 1}",
-                    is_work=value.kind == "work",
-                    has_impacts=self._has_impacts,
-                )
-        if value.kind == "work":
-            to_work = np.eye(motion.steps[0].tables.points.size + 1)
-            works = partial(self._works, place)
-            return motion.series(value, works, steps, tau, to_work)[:, 0]
-        at_once = [partial(_without_memory, scene, value) for scene in scenes]
-        found = motion.path(value, at_once, steps, tau)[:, 0]
-        if value.kind == "deformation":
-            return found
-        forces = self._of(place)
-        chosen = [value.component]
-        key = "memory", value
-        found += motion.series(key, lambda: [o[..., chosen] for o in forces], steps, tau)[:, 0]
-        if any(scene.initial_loads for scene in scenes):
-            time = motion.time(steps, tau)
-            for member, own in motion.by_member(steps):
-                loads = damper_alone(scenes[member], place).initial_force(time[own])
-                found[own] -= loads[:, value.component]
+def damper_along(motion: Motion, value: DamperValue, steps: Places, tau: Array) -> Array:
+    """A force, deformation or work at places of steps, shape ``(n,)``."""
+    place, scenes = value.place, motion.scenes
+    if place == TOGETHER:
+        every = (replace(value, place=one) for one in range(len(dampers_of(scenes[0]))))
+        return np.asarray(sum(damper_along(motion, one, steps, tau) for one in every))
+    if value.kind == "work":
+        to_work = np.eye(motion.steps[0].tables.points.size + 1)
+        return motion.series(value, partial(_works, motion, place), steps, tau, to_work)[:, 0]
+    at_once = [partial(_without_memory, scene, value) for scene in scenes]
+    found = motion.path(value, at_once, steps, tau)[:, 0]
+    if value.kind == "deformation":
         return found
+    found += motion.series(
+        ("memory", value),
+        lambda: [one[..., [value.component]] for one in motion.forces(place)],
+        steps,
+        tau,
+    )[:, 0]
+    if any(scene.initial_loads for scene in scenes):
+        time = motion.time(steps, tau)
+        for member, own in motion.by_member(steps):
+            loads = damper_alone(scenes[member], place).initial_force(time[own])
+            found[own] -= loads[:, value.component]
+    return found
 
-    def _of(self, place: int) -> Sequence[Array]:
-        """A damper's force with memory at the stages of every member."""
-        if place not in self._forces:
-            self._forces[place] = self._motion.forces(place)
-        return self._forces[place]
 
-    def _works(self, place: int) -> list[Array]:
-        """Chebyshev coefficients of the work on a damper since the start, ``(n, r + 1, 1)``."""
-        found, motion = [], self._motion
-        for force, scene, run in zip(self._of(place), motion.scenes, motion.steps, strict=True):
-            rate = deformation_of(scene, place, run.velocity)
-            power = run.tables.stages_to_series @ np.einsum("nrd,nrd->rn", force, rate)
-            work = np.asarray(chebyshev.chebint(power, lbnd=-1.0)) * 0.5 * run.step_size
-            work[0, 1:] += np.cumsum(work.sum(axis=0))[:-1]
-            found.append(work.T[..., None])
-        return found
+def _works(motion: Motion, place: int) -> list[Array]:
+    """Chebyshev coefficients of the work on a damper since the start, ``(n, r + 1, 1)``."""
+    found = []
+    for force, scene, run in zip(motion.forces(place), motion.scenes, motion.steps, strict=True):
+        rate = deformation_of(scene, place, run.velocity)
+        power = run.tables.stages_to_series @ np.einsum("nrd,nrd->rn", force, rate)
+        work = np.asarray(chebyshev.chebint(power, lbnd=-1.0)) * 0.5 * run.step_size
+        work[0, 1:] += np.cumsum(work.sum(axis=0))[:-1]
+        found.append(work.T[..., None])
+    return found
 
 
 def _without_memory(scene: Scene, value: DamperValue, motion: Array) -> Array:

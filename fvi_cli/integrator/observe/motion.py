@@ -29,7 +29,6 @@ Columns = tuple[int, ...]
 """Numbers of coordinates, from 0; only these are evaluated."""
 Take = Callable[[Array], Array]
 """A linear map of motions, ``(..., d)`` to ``(..., c)``."""
-AT_ONCE = 2**20  # numbers that are held where an acceleration needs many coordinates
 
 
 class Motion:
@@ -48,14 +47,25 @@ class Motion:
         steps: Sequence[RunSteps],
         forces: Callable[[int | None], Sequence[Array]],
     ) -> None:
-        self.scenes, self.steps, self.forces = tuple(scenes), tuple(steps), forces
+        self.scenes, self.steps = tuple(scenes), tuple(steps)
         counts = [one.n_steps for one in steps]
         self.firsts = np.append(0, np.cumsum(counts))  # first step of every member, and of all
         self.owner = np.repeat(np.arange(len(steps)), counts)  # member of every step
         self.begin = np.concatenate([one.time[:-1] for one in steps])
         self.end = np.concatenate([one.time[1:] for one in steps])
         self.step_size = np.concatenate([one.step_size for one in steps])
-        self._known: dict[Hashable, Any] = {}
+        self._forces, self._known = forces, dict[Hashable, Any]()
+
+    def kept(self, key: Hashable, compute: Callable[[], Any]) -> Any:
+        """What is computed once, by a key."""
+        if key not in self._known:
+            self._known[key] = compute()
+        return self._known[key]
+
+    def forces(self, place: int | None) -> Sequence[Array]:
+        """The forces of the memory at the stages of every member."""
+        found: Sequence[Array] = self.kept(("forces", place), lambda: self._forces(place))
+        return found
 
     def located(self, member: int, time: Array) -> tuple[Places, Array]:
         """Number of the step and place in it of times in the run of a member, shape ``(n,)``.
@@ -67,10 +77,8 @@ class Motion:
         """
         run = self.steps[member]
         # members of a batch have one mesh and the same times
-        same = run.time.tobytes(), time.tobytes()
-        if self._known.get("times") != same:
-            self._known |= {"times": same, "places": run.located(time)}
-        steps, tau = self._known["places"]
+        key = "places", run.time.tobytes(), time.tobytes()
+        steps, tau = self.kept(key, lambda: run.located(time))
         return steps + self.firsts[member], tau
 
     def time(self, steps: Places, tau: Array) -> Array:
@@ -83,10 +91,10 @@ class Motion:
         if len(self.scenes) == 1:
             yield 0, slice(None)
             return
-        members, inverse = np.unique(self.owner[steps.ravel()], return_inverse=True)
-        order = np.argsort(inverse, kind="stable")
-        ends = np.cumsum(np.bincount(inverse))[:-1]
-        yield from zip(members.tolist(), np.split(order, ends), strict=True)
+        owner = self.owner[steps.ravel()]
+        order = np.argsort(owner, kind="stable")
+        members, firsts = np.unique(owner[order], return_index=True)
+        yield from zip(members.tolist(), np.split(order, firsts[1:]), strict=True)
 
     def position(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
         """Positions, shape ``(n, d)``."""
@@ -94,29 +102,26 @@ class Motion:
 
     def velocity(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
         """Velocities, shape ``(n, d)``."""
-        take = _chosen(columns)
-        return self.series(
-            ("velocity", columns), lambda: [take(one.velocity) for one in self.steps], steps, tau
-        )
+        take, key = _chosen(columns), ("velocity", columns)
+        return self.series(key, lambda: [take(one.velocity) for one in self.steps], steps, tau)
 
     def path(self, key: Hashable, takes: Sequence[Take], steps: Places, tau: Array) -> Array:
         """Linear maps of the positions of every member, ``(n, c)``, by a key of their own."""
-        if ("begins", key) not in self._known:
-            every = list(zip(takes, self.steps, strict=True))
-            begins = np.concatenate([take(one.position[:-1]) for take, one in every])
-            self._known["begins", key] = begins
-        tables = self.steps[0].tables
+        every, tables = list(zip(takes, self.steps, strict=True)), self.steps[0].tables
+        begins = self.kept(
+            ("begins", key),
+            lambda: np.concatenate([take(one.position[:-1]) for take, one in every]),
+        )
+        to_series = tables.increments_to_series @ tables.to_unknowns
         moved = self.series(
             ("path", key),
-            lambda: [take(one.velocity) for take, one in zip(takes, self.steps, strict=True)],
+            lambda: [take(one.velocity) for take, one in every],
             steps,
             tau,
-            tables.increments_to_series @ tables.to_unknowns,
+            to_series,
         )
         moved[tau == 0.0] = 0.0
-        return np.asarray(
-            self._known["begins", key][steps] + self.step_size[steps][..., None] * moved
-        )
+        return np.asarray(begins[steps] + self.step_size[steps][..., None] * moved)
 
     def series(
         self,
@@ -127,10 +132,9 @@ class Motion:
         to_series: Array | None = None,
     ) -> Array:
         """Polynomials from values of every member at the stages, ``(n, r, c)``, by a key."""
-        if key not in self._known:
-            matrix = self.steps[0].tables.stages_to_series if to_series is None else to_series
-            self._known[key] = np.tensordot(matrix, np.concatenate(values()), axes=(1, 1))
-        return evaluate_series(self._known[key], steps, 2.0 * tau - 1.0)
+        matrix = self.steps[0].tables.stages_to_series if to_series is None else to_series
+        series = self.kept(key, lambda: np.tensordot(matrix, np.concatenate(values()), axes=(1, 1)))
+        return evaluate_series(series, steps, 2.0 * tau - 1.0)
 
     def momentum_and_energy(
         self, position: Array, steps: Places, tau: Array
@@ -146,10 +150,9 @@ class Motion:
             with np.errstate(all="ignore"):
                 found = scene.momentum(position[own], velocity[own], time[own])
                 if scene.prescribed is None:
-                    number, place = steps[own] - self.firsts[member], tau[own]
-                    end = run.momentum if run.jump is None else run.momentum - run.jump
-                    found = np.where((place == 0.0)[:, None], run.momentum[number], found)
-                    found = np.where((place == 1.0)[:, None], end[number + 1], found)
+                    number, place = steps[own] - self.firsts[member], tau[own, None]
+                    found = np.where(place == 0.0, run.momentum[number], found)
+                    found = np.where(place == 1.0, run.momentum[number + 1], found)
                 momentum[own] = found
                 energy[own] = scene.energy(position[own], found, time[own])
         return momentum, energy
@@ -165,10 +168,8 @@ class Motion:
         """Linear maps of the force of the damping, ``(n, c)``."""
         if not any(scene.active_forces for scene in self.scenes):
             return np.zeros((steps.size, takes[0](self.scenes[0].initial_position).size))
-        if "forces" not in self._known:
-            self._known["forces"] = self.forces(None)
-        every = list(zip(takes, self._known["forces"], strict=True))
-        found = -self.series(key, lambda: [take(one) for take, one in every], steps, tau)
+        every = list(zip(takes, self.forces(None), strict=True))
+        found = -self.series(key, lambda: [take(force) for take, force in every], steps, tau)
         if any(scene.initial_loads for scene in self.scenes):
             time = self.time(steps, tau)
             for member, own in self.by_member(steps):
@@ -183,69 +184,39 @@ class Motion:
         d = self.scenes[0].dimension
         columns = tuple(range(d)) if columns is None else columns
         if self.scenes[0].lagrangian is not None:
-            return self._in_slices(self._general_acceleration, steps, tau, columns, d * d)
+            return self._general_acceleration(steps, tau)[:, columns]
         key = "acceleration", columns
-        if key not in self._known:
-            units = np.eye(d)[list(columns)]
-            rows = [one.inertia.velocity(units) for one in self.scenes]
-            self._known[key] = rows, [_combined(one) for one in rows]
-        rows, takes = self._known[key]
-        found = self._damping(("damping", *key), takes, steps, tau)
+        units = np.eye(d)[list(columns)]
+        rows: list[Array] = self.kept(
+            key, lambda: [one.inertia.velocity(units) for one in self.scenes]
+        )
+        found = self._damping(("damping", *key), [_combined(one) for one in rows], steps, tau)
         if all(scene.is_linear for scene in self.scenes):
-            stiff = [
-                partial(_stiff, scene, row) for scene, row in zip(self.scenes, rows, strict=True)
-            ]
+            every = zip(self.scenes, rows, strict=True)
+            stiff = [partial(_stiff, scene, row) for scene, row in every]
             found -= self.path(key, stiff, steps, tau)
-        else:
-            found -= self._in_slices(self._restoring, steps, tau, columns, d)
-        if any(scene.forcing is not None for scene in self.scenes):
-            time = self.time(steps, tau)
-            for member, own in self.by_member(steps):
-                forcing = self.scenes[member].forcing
-                if forcing is not None:
-                    found[own] += forcing.combined(time[own], rows[member])
-        return found
-
-    def _in_slices(
-        self,
-        compute: Callable[[Places, Array, Columns], Array],
-        steps: Places,
-        tau: Array,
-        columns: Columns,
-        width: int,
-    ) -> Array:
-        """Values at places, each of which needs so many numbers."""
-        found, count = np.empty((steps.size, len(columns))), max(AT_ONCE // width, 1)
-        for first in range(0, steps.size, count):
-            own = slice(first, first + count)
-            found[own] = compute(steps[own], tau[own], columns)
-        return found
-
-    def _restoring(self, steps: Places, tau: Array, columns: Columns) -> Array:
-        r"""Rows of :math:`M^{-1} \nabla V`, shape ``(n, c)``."""
-        found = np.zeros((steps.size, len(columns)))
+        time = self.time(steps, tau)
         for member, own in self.by_member(steps):
-            potential = self.scenes[member].potential
-            rows = self._known["acceleration", columns][0][member]
-            if potential is None:
-                continue
-            components = tuple(np.flatnonzero(rows.any(axis=0)).tolist())
-            key = "part", member, components
-            if key not in self._known:
-                self._known[key] = gradient_part(potential, components, rows.shape[1])
-            used, gradient = self._known[key]
-            position = self.position(steps[own], tau[own], used)
-            found[own] = gradient(position) @ rows[:, components].T
+            scene, row = self.scenes[member], rows[member]
+            if scene.forcing is not None:
+                found[own] += scene.forcing.combined(time[own], row)
+            if scene.potential is not None and not scene.is_linear:
+                components = np.flatnonzero(row.any(axis=0))
+                used, gradient = self.kept(
+                    ("gradient", member, columns),
+                    partial(gradient_part, scene.potential, components.tolist(), d),
+                )
+                position = self.position(steps[own], tau[own], used)
+                found[own] -= gradient(position) @ row[:, components].T
         return found
 
-    def _general_acceleration(self, steps: Places, tau: Array, columns: Columns) -> Array:
+    def _general_acceleration(self, steps: Places, tau: Array) -> Array:
         """Accelerations of Lagrangians; nan where their masses or forces are not finite."""
         time, position = self.time(steps, tau), self.position(steps, tau)
         velocity, found = self.velocity(steps, tau), self.damping(steps, tau)
         for member, own in self.by_member(steps):
             scene = self.scenes[member]
-            if scene.lagrangian is None:
-                continue
+            assert scene.lagrangian is not None
             q, v, t, right = position[own], velocity[own], time[own], found[own]
             with np.errstate(all="ignore"):
                 mass = scene.lagrangian.derivatives(q, v, t).mass
@@ -257,7 +228,7 @@ class Motion:
                 mass = np.where(usable[:, None, None], mass, np.eye(scene.dimension))
                 solved = np.linalg.solve(mass, right[..., None])[..., 0]
             found[own] = np.where(usable[:, None], solved, np.nan)
-        return found[:, columns]
+        return found
 
 
 def _chosen(columns: Columns | None) -> Take:

@@ -204,10 +204,10 @@ def observations(
     ValueError
         ``quantities.<name>: what is wrong``.
     """
-    of_surfaces = known_names(coordinates, tuple(parameters or ()))
-    names = tuple(dict.fromkeys((*of_surfaces, *further)))
+    positions = known_names(coordinates, tuple(parameters or ()))
+    every = tuple(dict.fromkeys((*positions, *further)))
 
-    def read(text: object, place: str, names: tuple[str, ...] = names) -> Expression:
+    def read(text: object, place: str, names: tuple[str, ...] = every) -> Expression:
         if not isinstance(text, str | int | float):
             raise ValueError(f"{place}: {text!r} is not an expression")
         try:
@@ -215,35 +215,30 @@ def observations(
         except ValueError as error:
             raise ValueError(f"{place}: {error}") from None
 
-    def change(kind: type[T], given: object, place: str, names: tuple[str, ...]) -> T:
-        known = tuple(one.name for one in fields(kind))
+    def change(kind: type[T], given: object, place: str, names: tuple[str, ...] = every) -> T:
+        if isinstance(given, kind):
+            return given
         rest: dict[str, Any] = dict(given) if isinstance(given, Mapping) else {"when": given}
-        if "when" not in rest or not set(rest) <= set(known):
-            raise ValueError(f"{place}: it takes {', '.join(known)}")
-        rest["when"] = read(rest["when"], f"{place}.when", names)
+        when = read(rest.pop("when", None), f"{place}.when", names)
         try:
-            return kind(**rest)
+            return kind(when=when, **rest)
+        except TypeError:
+            known = ", ".join(one.name for one in fields(kind))
+            raise ValueError(f"{place}: it takes {known}") from None
         except ValueError as error:
             raise ValueError(f"{place}.{error}") from None
 
-    surfaces = {
-        name: change(Impact, given, f"impacts.{name}", of_surfaces)
-        for name, given in (impacts or {}).items()
-    }
-    for name, surface in surfaces.items():
-        if reason := surface_objection(surface.when, coordinates):
+    surfaces = {}
+    for name, given in (impacts or {}).items():
+        surfaces[name] = change(Impact, given, f"impacts.{name}", positions)
+        if reason := surface_objection(surfaces[name].when, coordinates):
             raise ValueError(f"impacts.{name}.when: {reason}")
     return Observations(
         impacts=surfaces,
         coordinates=tuple(coordinates),
         times=None if output is None else np.asarray(output, dtype=float),
-        quantities={
-            name: read(one, f"quantities.{name}") for name, one in (quantities or {}).items()
-        },
-        events={
-            name: one if isinstance(one, Event) else change(Event, one, f"events.{name}", names)
-            for name, one in (events or {}).items()
-        },
+        quantities={k: read(one, f"quantities.{k}") for k, one in (quantities or {}).items()},
+        events={k: change(Event, one, f"events.{k}") for k, one in (events or {}).items()},
         parameters=dict(parameters or {}),
     )
 
