@@ -7,8 +7,6 @@ power of the time.
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -16,14 +14,8 @@ import numpy as np
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
-from fvi_cli.integrator.meshes.graded import (
-    ROUND_OFF,
-    graded_start_mesh,
-    graded_window,
-    least_step,
-    window_of,
-)
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, share_steps, uniform_mesh
+from fvi_cli.integrator.meshes.graded import graded_start_mesh, least_step
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
@@ -88,32 +80,27 @@ def mesh_of_motion(
     """The mesh of a displacement; for a tolerance as many steps as its polynomials need."""
     if isinstance(steps, Mesh):
         return steps
+    parts, is_graded = len(motion.break_points) + 1, method.start == "graded"
     if isinstance(steps, AdaptiveSteps):
-        parts = len(motion.break_points) + 1
         count = FEWEST if parts == 1 else parts
-        mesh = uniform_mesh(motion.final_time, count, motion.break_points)
-        found = _steps_through(motion, method, mesh)
-        while _unresolved(found) > steps.tolerance and count < MOST:
-            count *= 2
+        while True:
             mesh = uniform_mesh(motion.final_time, count, motion.break_points)
             found = _steps_through(motion, method, mesh)
-        if steps.tolerance >= BEHIND_KINKS * float(np.ptp(found.position)):
-            return mesh
-        return _alike(motion, method, count) if motion.kinks else _graded(motion, method, count)
-    count = max(steps, len(motion.break_points) + 1)
-    if method.start == "graded":
-        return _graded(motion, method, count)
-    return uniform_mesh(motion.final_time, count, motion.break_points)
-
-
-def _graded(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
-    sharp = bool(motion.kinks)
+            if _unresolved(found) <= steps.tolerance or count >= MOST:
+                break
+            count *= 2
+        is_graded = steps.tolerance < BEHIND_KINKS * float(np.ptp(found.position))
+    else:
+        count = max(steps, parts)
+    if not is_graded:
+        return uniform_mesh(motion.final_time, count, motion.break_points)
+    is_sharp = bool(motion.kinks)
     return graded_start_mesh(
         motion.final_time,
-        n_steps,
+        count,
         motion.break_points,
         stages=method.degree,
-        exponent=lambda at_start: START_POWER if at_start or sharp else None,
+        exponent=lambda at_start: START_POWER if at_start or is_sharp else None,
     )
 
 
@@ -143,42 +130,6 @@ def halved_mesh(motion: PrescribedMotion, halvings: int) -> Mesh:
             begin = end
         if whole.n_steps > 1:
             stretches.append(replace(whole, begin=begin, n_steps=whole.n_steps - 1, is_fresh=False))
-    return Mesh(stretches=tuple(stretches))
-
-
-def _alike(motion: PrescribedMotion, method: Method, n_steps: int) -> Mesh:
-    """A mesh graded by powers of 2 after kinks at any times: steps share sizes, and so tables."""
-    ends = (0.0, *motion.break_points, motion.final_time)
-    counts = share_steps(ends, n_steps)
-    stretches: list[Stretch] = []
-    for begin, end, count in zip(ends, ends[1:], counts, strict=False):
-        unit = 2.0 ** math.floor(math.log2((end - begin) / count))
-        window = window_of(count, n_steps)
-        sizes = [
-            one.step_size
-            for one in graded_window(0.0, unit, window, 2 * method.degree, START_POWER)
-            for _ in range(one.n_steps)
-        ]
-        done = np.cumsum(sizes)
-        done = np.concatenate([[0.0], done[done >= least_step(begin)]])
-        stretches += [
-            Stretch(
-                begin=begin + low,
-                end=begin + high,
-                n_steps=1,
-                step_size=high - low,
-                is_fresh=low == 0.0,
-            )
-            for low, high in itertools.pairwise(done.tolist())
-        ]
-        rest = end - stretches[-1].end
-        if rest > ROUND_OFF * end:
-            more = math.ceil(rest / unit)
-            stretches.append(
-                Stretch(begin=stretches[-1].end, end=end, n_steps=more, step_size=rest / more)
-            )
-        else:
-            stretches[-1] = replace(stretches[-1], end=end)
     return Mesh(stretches=tuple(stretches))
 
 

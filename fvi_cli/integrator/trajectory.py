@@ -72,13 +72,13 @@ class Diagnostics:
 
 @dataclass(frozen=True, kw_only=True)
 class Extent:
-    """How large a quantity becomes in a run, at any time."""
+    """How large a quantity becomes in a run, at any time; nan where it has no values."""
 
-    peak: float  # largest absolute value, and when it is reached first
-    peak_time: float
-    least: float
-    greatest: float
-    rms: float  # root of the mean square over the run
+    peak: float = math.nan  # largest absolute value, and when it is reached first
+    peak_time: float = math.nan
+    least: float = math.nan
+    greatest: float = math.nan
+    rms: float = math.nan  # root of the mean square over the run
     error: float = math.nan  # estimated error of the peak; nan without a second run
 
 

@@ -29,9 +29,8 @@ from fvi_cli.integrator.meshes.forces import StepPath
 from fvi_cli.integrator.meshes.graded import graded_start_mesh, least_step, start_power
 from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.observe.along import FormulaAlong
+from fvi_cli.integrator.observe.along import FormulaAlong, first_fall
 from fvi_cli.integrator.observe.request import Observations
-from fvi_cli.integrator.observe.search import first_fall
 from fvi_cli.integrator.observe.surface import Surface, push_off, start_objection
 from fvi_cli.integrator.run.loop import Proposal
 from fvi_cli.integrator.run.on_mesh import run_through
@@ -134,16 +133,18 @@ class Bouncing:
         self._reach = np.zeros(scene.dimension)  # displacements in it
         self._time = 0.0
         self._landing: Landing | None = None
+        self._power_behind_impact = power_behind_impact(scene)
         self._begin_flight(start_power(scene, at_start=True))
 
     def _begin_flight(self, power: float | None) -> None:
         """Set the ends of the steps to the next break point or the end, the last first."""
         self._begin, self._landing, self._targets = self._time, None, list[float]()
         if self._stops:
-            end, begin = self._stops[0], self._begin
-            ends = step_ends(self._step, end - begin, self._degree, power, least_step(begin))
-            targets = [min(begin + place, end) for place in reversed(ends)]
-            self._targets = [one for one in targets if one > begin]
+            end, begin, least = self._stops[0], self._begin, least_step(self._begin)
+            count = max(1, math.ceil((end - begin) / self._step * (1.0 - 1e-12)))
+            ends = _graded_ends(self._step, count, self._degree, power)
+            self._targets = [begin + one for one in ends if least <= one < end - begin - least]
+            self._targets = [end, *reversed(self._targets)]
 
     def propose(self, engine: Engine, state: State) -> Proposal | None:
         """The next step of a flight, or a part of it that may end on a surface."""
@@ -268,7 +269,7 @@ class Bouncing:
             self.times[name].append(time)
         if sum(map(len, self.times.values())) > MOST_IMPACTS:
             self._fail(f"more than {MOST_IMPACTS} impacts")
-        self._begin_flight(power_behind_impact(self._scene))
+        self._begin_flight(self._power_behind_impact)
 
 
 def _reach(path: StepPath) -> Array:
@@ -291,21 +292,8 @@ def power_behind_impact(scene: Scene) -> float | None:
     return start_power(moving, at_start=True)
 
 
-def step_ends(
-    step: float, length: float, stages: int, power: float | None, least: float
-) -> list[float]:
-    """Ends of the steps after a singular point, relative to it, up to a length.
-
-    `step` is the length of steps that are not graded, `power` the least fractional power in the
-    position (None: it is smooth). Ends closer than `least` to 0 or the length are left out.
-    """
-    count = max(1, math.ceil(length / step * (1.0 - 1e-12)))
-    ends = [one for one in _pattern(step, count, stages, power) if least <= one < length - least]
-    return [*ends, length]
-
-
 @lru_cache(maxsize=256)
-def _pattern(step: float, count: int, stages: int, power: float | None) -> Sequence[float]:
-    """Ends of graded steps after a singular point, over `count` steps of length `step`."""
+def _graded_ends(step: float, count: int, stages: int, power: float | None) -> Sequence[float]:
+    """Ends of `count` steps after a singular point with this least power, relative to it."""
     mesh = graded_start_mesh(count * step, count, (), stages=stages, exponent=lambda _: power)
     return tuple(mesh.times[1:].tolist())

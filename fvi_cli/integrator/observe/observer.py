@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observe.along import FormulaAlong, Values
+from fvi_cli.integrator.observe.along import FormulaAlong, Values, find_events, find_extents
 from fvi_cli.integrator.observe.dampers import (
     check_forces,
     damper_along,
@@ -19,7 +19,6 @@ from fvi_cli.integrator.observe.dampers import (
 )
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.observe.request import Observations, check_observable
-from fvi_cli.integrator.observe.search import find_events, find_extents
 from fvi_cli.integrator.trajectory import Extent, Observed, Occurrences, Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression

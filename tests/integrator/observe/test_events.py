@@ -5,8 +5,7 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observe.along import FormulaAlong
-from fvi_cli.integrator.observe.search import find_events
+from fvi_cli.integrator.observe.along import FormulaAlong, find_events
 from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.expressions import Expression
 
