@@ -24,8 +24,8 @@ DIAGONAL_TOLERANCE = 1e-13
 class Decoupling:
     """How d components of the scene map to a batch of q systems of e coupled components.
 
-    By `modes`: a matrix Phi, ``(d, d)``, or where the components are uncoupled as they stand its
-    diagonal, ``(d,)``: q = d and e = 1. None if everything is coupled: q = 1 and e = d.
+    By `modes`: a matrix Phi, ``(d, d)``: q = d and e = 1. None if everything is coupled: q = 1 and
+    e = d.
     """
 
     mass: Array  # M, shape (d, d)
@@ -40,32 +40,22 @@ class Decoupling:
         """A form of the scene (M, K or D) in the coordinates of the batch, ``(q, e, e)``."""
         if self.modes is None:
             return matrix[None]
-        if self.modes.ndim == 1:
-            return np.asarray(np.diagonal(matrix) * self.modes**2)[:, None, None]
         return np.diagonal(self.modes.T @ matrix @ self.modes).copy()[:, None, None]
 
     def positions(self, values: Array) -> Array:
         """Positions ``(..., d)`` as ``(q, ..., e)``."""
-        if self.modes is not None and self.modes.ndim == 1:
-            return _split(values / self.modes)
         return values[None] if self.modes is None else _split(values @ (self.mass @ self.modes))
 
     def forces(self, values: Array) -> Array:
         """Momenta and forces ``(..., d)`` as ``(q, ..., e)``."""
-        if self.modes is not None and self.modes.ndim == 1:
-            return _split(values * self.modes)
         return values[None] if self.modes is None else _split(values @ self.modes)
 
     def scene_positions(self, values: Array) -> Array:
         """Positions ``(q, ..., e)`` as ``(..., d)``."""
-        if self.modes is not None and self.modes.ndim == 1:
-            return np.asarray(_join(values) * self.modes)
         return np.asarray(values[0] if self.modes is None else _join(values) @ self.modes.T)
 
     def scene_forces(self, values: Array) -> Array:
         """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
-        if self.modes is not None and self.modes.ndim == 1:
-            return np.asarray(_join(values) / self.modes)
         if self.modes is None:
             return np.asarray(values[0])
         return np.asarray(_join(values) @ (self.mass @ self.modes).T)
@@ -76,22 +66,16 @@ def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -
     d = mass.shape[0]
     if d == 1:
         return Decoupling(mass=mass, modes=None)
-    forms = [stiffness, *directions]
-    if all(np.array_equal(form, np.diag(np.diagonal(form))) for form in (mass, *forms)):
-        return Decoupling(mass=mass, modes=1.0 / np.sqrt(np.diagonal(mass)))
-    root = np.linalg.cholesky(mass)
-    inverse = np.linalg.inv(root)
-    reduced = [inverse @ form @ inverse.T for form in forms]
+    inverse = np.linalg.inv(np.linalg.cholesky(mass))
+    reduced = [inverse @ form @ inverse.T for form in (stiffness, *directions)]
     scaled = [form / size for form in reduced if (size := float(np.abs(form).max())) > 0]
-    if not scaled:
-        return Decoupling(mass=mass, modes=inverse.T)
     # eigenvectors of a combination with unequal weights are common ones, unless these weights
     # make two eigenvalues equal by chance; then the check below fails, and all stays coupled
     mixed = sum(
         (np.sqrt(2.0 + 3.0 * index) * form for index, form in enumerate(scaled)),
         start=np.zeros((d, d)),
     )
-    _, vectors = np.linalg.eigh(mixed)
+    vectors = np.linalg.eigh(mixed)[1] if scaled else np.eye(d)
     for form in scaled:
         diagonal = vectors.T @ form @ vectors
         if np.abs(diagonal - np.diag(np.diagonal(diagonal))).max() > DIAGONAL_TOLERANCE * d:
