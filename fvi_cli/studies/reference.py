@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,8 +24,8 @@ CHECK_METHOD = Method(cq="gauss", degree=4, start="graded")
 MOST_STEPS = 2**14
 SUFFICIENT = 2e-14
 SCALE_TOLERANCE = 1e-4
-"""Local tolerance of the runs that measure the size of the motion, relative to a guessed size."""
-TOLERANCES = (1e-13, 1e-11, 1e-9)
+"""Local tolerance of the run that measures the size of the motion, relative to a guessed size."""
+TOLERANCES = (1e-13, 1e-10)
 """Local tolerances of refined adaptive runs, relative to the motion; the first that succeeds."""
 CHECK_STEPS = (64, 128)
 """Steps of the two runs with which exact solutions are checked."""
@@ -34,8 +34,6 @@ CHECK_TOLERANCE = 1e-9
 ERROR_FACTOR = 10.0
 """A difference of more than so many errors of a run is not due to that run."""
 WITHOUT_END = "none (no exact solution is known"
-MOST_GRIDS = 32
-"""Number of grids on which values are cached; guessed: more than a usual ladder has."""
 TIMES_DIFFER = 1e-12
 """Times of runs may differ by round-off, relative to the last."""
 
@@ -51,16 +49,10 @@ class Reference:
     """Estimated error of the values in the maximum norm: 0 for an exact solution; nan where nothing
     is known."""
     source: str  # description for readers of tables
-    _evaluated: dict[bytes, Array] = field(init=False, repr=False, default_factory=dict)
 
     def at(self, times: Array) -> Array:
-        """The values at times; those on one grid are computed once for all methods."""
-        key = times.tobytes()
-        if key not in self._evaluated:
-            while len(self._evaluated) >= MOST_GRIDS:
-                self._evaluated.pop(next(iter(self._evaluated)))
-            self._evaluated[key] = self.values(times)
-        return self._evaluated[key]
+        """The values at times."""
+        return self.values(times)
 
     @property
     def is_known(self) -> bool:
@@ -103,13 +95,10 @@ def refined_references(runs: Sequence[Run]) -> list[Reference | None]:
 
     None for a scene whose exact solution passed its check.
     """
-    problems = [run.problem for run in runs]
-    found = find_references(problems)
+    found = find_references([run.problem for run in runs])
     return [
-        None
-        if problem.exact is not None and reference.source == problem.exact_source
-        else reference.tabulated(_times_of_ladder(run))
-        for run, problem, reference in zip(runs, problems, found, strict=True)
+        None if reference.error == 0.0 else reference.tabulated(_times_of_ladder(run))
+        for run, reference in zip(runs, found, strict=True)
     ]
 
 
@@ -212,17 +201,20 @@ def _unknown(scene: Scene, source: str) -> Reference:
 
 def _refined(scene: Scene) -> Reference:
     """Polynomials of a run with adaptive steps, for any times."""
-    scale = likely_amplitude(scene) or 1.0
+    guess = likely_amplitude(scene) or 1.0
     better, worse = (adaptive_runs(scene, degree, most_steps=MOST_STEPS) for degree in (8, 10))
+    last = better(SCALE_TOLERANCE * guess)
+    scale = float(np.abs(last.position).max()) or guess
     # beside kinks two runs may agree by accident
     factors = (3.0, 10.0) if is_steep(scene) else (3.0,)
-    for tolerance in (SCALE_TOLERANCE, *TOLERANCES):
-        runs = [better(tolerance * scale), *(worse(f * tolerance * scale) for f in factors)]
-        last = next((run for run in runs if run.status != "ok"), runs[0])
+    for tolerance in TOLERANCES if last.status == "ok" else ():
+        last = better(tolerance * scale)
+        runs = [last]
+        for factor in factors:
+            if last.status == "ok":
+                last = worse(factor * tolerance * scale)
+                runs.append(last)
         if last.status != "ok":
-            continue
-        scale = float(np.abs(last.position).max()) or scale
-        if tolerance == SCALE_TOLERANCE:
             continue
         fine, *others = (run.steps for run in runs if run.steps is not None)
         times = np.unique(np.concatenate([fine.time, *(one.time for one in others)]))

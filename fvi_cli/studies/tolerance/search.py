@@ -1,10 +1,11 @@
 """A run for a tolerance: a local tolerance chooses the steps, a second run measures the error.
 
-A run with m stages chooses its steps by a local tolerance. A second run with two stages more on the
-same mesh measures its error, and is the run that is delivered. Where forces have kinks, or are as
-steep as walls and pulses, the second run chooses its own steps: on one mesh both runs might miss
-the same feature. Both look for such features between their points, at the same samples of the
-force. Samples of a record are points of the mesh.
+The second run has two stages more on the same mesh and is the one that is delivered; the difference
+of the runs bounds its error at the points. Where the stages are given, they are those of the first
+run, which is delivered. Where forces have kinks, or are as steep as walls and pulses, the second
+run chooses its own steps: on one mesh both runs might miss the same feature. Both look for such
+features between their points, at the same samples of the force. Samples of a record are points of
+the mesh.
 """
 
 from __future__ import annotations
@@ -25,16 +26,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 from fvi_cli.scenes.keys.mistakes import first_mistake
 from fvi_cli.studies.accuracy_settings import Accuracy
-from fvi_cli.studies.tolerance.differences import (
-    EPSILON,
-    ROUNDED,
-    SHIFT,
-    between_points,
-    differences_of,
-    growth_of,
-    local_errors,
-    perturb_start,
-)
+from fvi_cli.studies.tolerance.errors import between_points, differences_of, growth_of
 from fvi_cli.studies.tolerance.runs import (
     COARSEST,
     MOST_STEPS,
@@ -45,23 +37,20 @@ from fvi_cli.studies.tolerance.runs import (
     likely_amplitude,
 )
 
+EPSILON: Final = float(np.finfo(float).eps)
 MOST_ROUNDS: Final = 10
 FEW_DIGITS: Final = 7.0
-"""Up to so many digits the less accurate of two runs has 8 stages, beyond that 10."""
-LEAST_GAIN: Final = 0.03
-"""Least estimate of the error of the better of two runs, as a share of their difference."""
+"""Up to so many digits the first run has 8 stages, beyond that 10."""
 BESIDE_KINKS: Final = 5.0
-"""The same beside kinks, where differences are as random as the places of steps."""
-PROBED: Final = 1e-9
-"""For tolerances below this share of a nonlinear motion the growth of round-off is measured."""
-CAUTION: Final = 10.0
-"""Safety factor on the ratio of local errors, which estimates the ratio of errors of two runs."""
+"""Factor on differences beside kinks, which are as random as the places of steps."""
+ROUNDED: Final = 10.0
+"""Least estimate, in units of round-off of the position."""
 AIMED_AT: Final = 0.3
 """A new local tolerance is chosen for this share of the tolerance."""
 SHRINKS_TO: Final = (1e-6, 0.3)
 """Least and largest factor from a local tolerance to the next."""
 SECOND_RUN_FACTOR: Final = 0.3
-"""Local tolerance of a run on a mesh of its own, relative to that of the first one."""
+"""Local tolerance of a second run on a mesh of its own, relative to that of the first one."""
 STILL: Final = 0.3
 """An error that is more than this share of the previous one counts as not fallen."""
 STALLED_FACTOR: Final = 0.01
@@ -89,9 +78,9 @@ def solve(
     run measures the error (``docs/explanation/tolerances.md``). `log` is called with a line about
     every run.
 
-    The best run is returned. ``trajectory(t)`` and ``trajectory.velocity(t)`` give the motion at
-    any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome`` whether the tolerance
-    is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
+    The run with the least estimate is returned. ``trajectory(t)`` and ``trajectory.velocity(t)``
+    give the motion at any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome``
+    whether the tolerance is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
     ``trajectory.assessment``.
 
     Raises
@@ -107,195 +96,128 @@ def solve(
     return solve_by_two_runs(scene, wanted, log=log)[0]
 
 
-@in_one_thread
-def solve_by_two_runs(
-    scene: Scene, wanted: Accuracy, *, log: Callable[[str], object] = lambda line: None
-) -> tuple[Trajectory, Trajectory | None]:
-    """As :func:`solve`, and the run that it is compared with; None: there is none."""
-    return _Search(scene=scene, wanted=wanted, log=log).result()
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Round:
-    """A run with its differences from another run, and the error estimated from them."""
+class _Attempt:
+    """A run, the second run, and the error estimated from their differences."""
 
     run: Trajectory
     other: Trajectory | None = None
     times: Array = field(default_factory=lambda: np.zeros(1))
     differences: Array = field(default_factory=lambda: np.array([math.inf]))
-    at_points: float = math.inf
-    between: float = math.inf
-
-    @property
-    def estimate(self) -> float:
-        """Estimated largest error at any time, a length; infinite where none is known."""
-        return max(self.at_points, self.between)
+    estimate: float = math.inf  # of the largest error at any time, a length
+    line: str  # for the log
 
 
-@dataclass(kw_only=True, eq=False)
-class _Search:
-    """The state of a search: its runs so far, of which the best is kept."""
+@in_one_thread
+def solve_by_two_runs(
+    scene: Scene, wanted: Accuracy, *, log: Callable[[str], object] = lambda line: None
+) -> tuple[Trajectory, Trajectory | None]:
+    """As :func:`solve`, and the run that it is compared with; None: there is none."""
 
-    scene: Scene
-    wanted: Accuracy
-    log: Callable[[str], object]
-    best: _Round | None = None
-    worst_since: float = 0.0
-    rounding: tuple[Array, Array] | None = None  # times, and how far a change of the start moves
-    lines: list[str] = field(default_factory=list)
-
-    def target(self, amplitude: float) -> float:
+    def length(amplitude: float) -> float:
         """The tolerance as a length, for a motion of this size."""
-        if self.wanted.tolerance is not None:
-            return self.wanted.tolerance
-        return (self.wanted.relative or 0.0) * amplitude
+        if wanted.tolerance is not None:
+            return wanted.tolerance
+        return (wanted.relative or 0.0) * amplitude
 
-    def result(self) -> tuple[Trajectory, Trajectory | None]:
-        scene, wanted = self.scene, self.wanted
-        guess = likely_amplitude(scene)
-        target = self.target(guess)
-        digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
-        degree = wanted.stages or (8 if digits <= FEW_DIGITS else 10)
-        local = first_local(target, guess)
-        first, second = (
-            adaptive_runs(scene, one, max_step=wanted.max_step) for one in (degree, degree + 2)
+    def ended(
+        attempt: _Attempt, outcome: Outcome, reason: str = "", time: float | None = None
+    ) -> tuple[Trajectory, Trajectory | None]:
+        target = length(amplitude_of(attempt.run))
+        assessment = Assessment(
+            outcome=outcome,
+            tolerance=target if target > 0 else math.nan,
+            estimate=attempt.estimate,
+            reason=reason,
+            time=time,
+            attempts=tuple(tried.line for tried in attempts),
         )
-        # on one mesh two runs may miss the same feature
-        is_rough, is_kinked = is_steep(scene), has_kinks(scene)
-        least_gain = BESIDE_KINKS if is_kinked else 1.0 if is_rough else LEAST_GAIN
-        before, still, failed = math.inf, 0, 0
-        for _ in range(MOST_ROUNDS):
-            # what hides does not fall with the steps as other errors do
-            may_miss = MAY_MISS * target or math.inf
-            run = coarse = first(local, may_miss)
-            words = f"Gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
-            if coarse.status == "ok" and coarse.steps is not None:
-                mesh = coarse.steps.mesh(scene.break_points)
-                if is_rough:
-                    run = second(SECOND_RUN_FACTOR * local, may_miss)
-                else:
-                    run = integrate(scene, gauss(scene, degree + 2), mesh, with_steps=True)
-                    run = replace(run, rejected=coarse.rejected)
-            if run.status != "ok" or run.steps is None or coarse.steps is None:
-                self._note(_Round(run=run), f"{words}; {run.status}: {run.message}")
-                failed += 1
-                if failed > 2 or coarse.n_steps >= MOST_STEPS:
-                    break
-                local *= 0.03
-                continue
-            amplitude = amplitude_of(run)
-            target = self.target(amplitude)
-            is_probed = scene.is_linear or self.rounding is not None
-            if not is_probed and target < PROBED * amplitude:
-                other = perturb_start(scene, run)
-                beside = integrate(other, gauss(other, degree), mesh, with_steps=True)
-                self.rounding = differences_of(coarse, beside)
-            gain = CAUTION * local_errors(run.steps) / local_errors(coarse.steps)
-            if wanted.stages is None:
-                one = self._compared(coarse, run, max(least_gain, min(1.0, gain)), words)
-            else:
-                one = self._compared(run, coarse, 1.0, words)
-            if amplitude == 0.0 and wanted.relative is not None:
-                reason = "relative: the motion stays at zero; give tolerance"
-                return self._ended(one, "refused", reason)
-            if self.rounding is not None and self._rounded(run) > target:
-                times, moved = self.rounding
-                lengths = ROUNDED * EPSILON / SHIFT * moved
-                growth = growth_of(times, lengths, amplitude, target)
-                reason = f"round-off itself is more than {target:.2g}"
-                end = f"the error is about {one.estimate:.2g}"
-                return self._unreliable(one, growth, reason, end)
-            # runs that are dominated by round-off may agree by accident
-            is_enough = still == 0 or is_kinked
-            if one.estimate <= (target if is_enough else STALLED_SHARE * target):
-                return self._ended(one, "met", "")
-            factor = min(SHRINKS_TO[1], AIMED_AT * target / max(one.estimate, 1e-300))
-            if one.estimate > STILL * before:
-                # a small reduction may change nothing; if a large one does not help it is round-off
-                still += 1
-                factor = min(factor, STALLED_FACTOR)
-            if still > 2 or local <= 10 * EPSILON * amplitude:
+        return replace(attempt.run, assessment=assessment), attempt.other
+
+    guess = likely_amplitude(scene)
+    target, local = length(guess), first_local(length(guess), guess)
+    digits = math.log10(max(guess, 1e-300) / target) if target > 0 else 0.0
+    tried = _pair_of_runs(scene, wanted, wanted.stages or (8 if digits <= FEW_DIGITS else 10))
+    attempts: list[_Attempt] = []
+    before, stalled, failed, is_kinked = math.inf, 0, 0, has_kinks(scene)
+    for _ in range(MOST_ROUNDS):
+        # what hides does not fall with the steps as other errors do
+        attempt = tried(local, MAY_MISS * target or math.inf)
+        attempts.append(attempt)
+        log(attempt.line)
+        if attempt.other is None:
+            failed += 1
+            if failed > 2 or attempt.run.n_steps >= MOST_STEPS:
                 break
-            before = one.estimate
-            local = min(max(SHRINKS_TO[0], factor) * local, COARSEST * amplitude or local)
-        return self._given_up()
+            local *= 0.03
+            continue
+        amplitude, estimate = amplitude_of(attempt.run), attempt.estimate
+        target = length(amplitude)
+        if amplitude == 0.0 and wanted.relative is not None:
+            reason = "relative: the motion stays at zero; give tolerance"
+            return ended(attempt, "refused", reason)
+        # runs that are dominated by round-off may agree by accident
+        is_trusted = stalled == 0 or is_kinked
+        if estimate <= (target if is_trusted else STALLED_SHARE * target):
+            return ended(attempt, "met")
+        factor = min(SHRINKS_TO[1], AIMED_AT * target / max(estimate, 1e-300))
+        if estimate > STILL * before:
+            # a small reduction may change nothing; if a large one does not help it is round-off
+            stalled += 1
+            factor = min(factor, STALLED_FACTOR)
+        if stalled > 2 or local <= 10 * EPSILON * amplitude:
+            break
+        before = estimate
+        local = min(max(SHRINKS_TO[0], factor) * local, COARSEST * amplitude or local)
+    best = min(attempts, key=lambda one: one.estimate)
+    if best.other is None:
+        return ended(best, "refused", best.run.message)
+    amplitude, reached = amplitude_of(best.run), f"the best error reached is {best.estimate:.2g}"
+    time, growth = growth_of(best.times, best.differences, amplitude, target)
+    if growth > SENSITIVE and float(best.differences.max()) > target:
+        reason = (
+            f"two runs agree to {target:.2g} until t = {time:.6g}: a difference grows by a factor "
+            f"of {growth:.1e} in the run; {reached}"
+        )
+        return ended(best, "unreliable", reason, time)
+    return ended(best, "refused", f"{target:.2g} is out of reach: {reached}, ask for that or more")
 
-    def _note(self, one: _Round, line: str) -> None:
-        self.lines.append(line)
-        self.log(line)
-        if self.best is None or one.estimate < self.best.estimate:
-            self.best, self.worst_since = one, 0.0
-        elif one.run.status == "ok":
-            # a later run that differs more shows that the agreement was an accident
-            self.worst_since = max(self.worst_since, one.at_points)
 
-    def _compared(self, other: Trajectory, run: Trajectory, gain: float, words: str) -> _Round:
-        """A run with its error, the share `gain` of its difference from another run."""
-        if run.steps is None:  # pragma: no cover - it was asked for
-            raise ValueError("tolerance: a run without its polynomials")
-        times, differences = differences_of(other, run)
-        difference = float(differences.max())
-        at_points = max(gain * difference, self._rounded(run))
-        between = float(between_points(self.scene, run.steps).max())
-        steps = "the same" if run.n_steps == other.n_steps else f"{run.n_steps}"
-        one = _Round(
+def _pair_of_runs(
+    scene: Scene, wanted: Accuracy, degree: int
+) -> Callable[[float, float], _Attempt]:
+    """A function of a local tolerance, and of what steps may miss, that makes both runs."""
+    first, second = (
+        adaptive_runs(scene, stages, max_step=wanted.max_step) for stages in (degree, degree + 2)
+    )
+    # on one mesh two runs may miss the same feature
+    is_rough, share = is_steep(scene), BESIDE_KINKS if has_kinks(scene) else 1.0
+
+    def tried(local: float, may_miss: float) -> _Attempt:
+        coarse = first(local, may_miss)
+        words = f"Gauss{degree}, local tolerance {local:.2g}: {coarse.n_steps} steps"
+        if coarse.status != "ok" or coarse.steps is None:
+            return _Attempt(run=coarse, line=f"{words}; {coarse.status}: {coarse.message}")
+        if is_rough:
+            fine = second(SECOND_RUN_FACTOR * local, may_miss)
+        else:
+            mesh = coarse.steps.mesh(scene.break_points)
+            fine = integrate(scene, gauss(scene, degree + 2), mesh, with_steps=True)
+            fine = replace(fine, rejected=coarse.rejected)
+        if fine.status != "ok" or fine.steps is None:
+            return _Attempt(run=fine, line=f"{words}; Gauss{degree + 2} {fine.message}")
+        run, other = (fine, coarse) if wanted.stages is None else (coarse, fine)
+        times, differences = differences_of(coarse, fine)
+        at_points = max(share * float(differences.max()), ROUNDED * EPSILON * amplitude_of(run))
+        between = float(between_points(scene, run.steps or coarse.steps).max())
+        line = f"{words}, Gauss{degree + 2} on {fine.n_steps} differs by {differences.max():.2g}"
+        return _Attempt(
             run=run,
             other=other,
             times=times,
             differences=differences,
-            at_points=at_points,
-            between=between,
+            estimate=max(at_points, between),
+            line=f"{line}; errs by {between:.2g} between points",
         )
-        line = f"{words}, Gauss{run.steps.tables.degree} on {steps} differs by {difference:.2g}: "
-        self._note(one, f"{line}errs by {at_points:.2g} at points, {between:.2g} between them")
-        return one
 
-    def _rounded(self, run: Trajectory) -> float:
-        """Error at any time by round-off at the start, a length."""
-        grown = 0.0 if self.rounding is None else float(self.rounding[1].max()) / SHIFT
-        return ROUNDED * EPSILON * max(amplitude_of(run), grown)
-
-    def _given_up(self) -> tuple[Trajectory, Trajectory | None]:
-        """The best run, and why it is not good enough."""
-        one = self.best
-        if one is None:  # pragma: no cover - a run is always made
-            raise ValueError("tolerance: no run was made")
-        if one.run.status != "ok":
-            return self._ended(one, "refused", one.run.message)
-        amplitude = amplitude_of(one.run)
-        target = self.target(amplitude)
-        one = replace(one, at_points=max(one.at_points, self.worst_since))
-        if one.estimate <= target:
-            reason = (
-                f"the estimate {one.estimate:.2g} does not fall with the steps: it is round-off, "
-                f"too near to {target:.2g}"
-            )
-            return self._ended(one, "refused", reason)
-        growth = growth_of(one.times, one.differences, amplitude, target)
-        reached = f"the best error reached is {one.estimate:.2g}, ask for that or more"
-        if growth[1] > SENSITIVE and float(one.differences.max()) > target:
-            reason = f"runs that should agree differ by more than {target:.2g}"
-            return self._unreliable(one, growth, reason, reached)
-        return self._ended(one, "refused", f"{target:.2g} is out of reach: {reached}")
-
-    def _unreliable(
-        self, one: _Round, growth: tuple[float, float], reason: str, end: str
-    ) -> tuple[Trajectory, Trajectory | None]:
-        time, factor = growth
-        reason += f" from t = {time:.6g} on: a difference grows by a factor of {factor:.1e} in the "
-        return self._ended(one, "unreliable", f"{reason}run; {end}", time)
-
-    def _ended(
-        self, one: _Round, outcome: Outcome, reason: str, time: float | None = None
-    ) -> tuple[Trajectory, Trajectory | None]:
-        """The run with its assessment, and the run that it was compared with."""
-        target = self.target(amplitude_of(one.run))
-        assessment = Assessment(
-            outcome=outcome,
-            tolerance=target if target > 0 else math.nan,
-            estimate=one.estimate,
-            reason=reason,
-            time=time,
-            attempts=tuple(self.lines),
-        )
-        return replace(one.run, assessment=assessment), one.other
+    return tried
