@@ -64,7 +64,6 @@ STORED = (
     Column("norm", "norm", get=_stored("norm")),
     Column("error", "error", ".3e", get=_stored("error")),
     Column("status", "status", get=_stored("status")),
-    Column("case", "case", get=_stored("case")),
     Column("quantities", "quantities", get=lambda one: ", ".join(extents_in(one.values))),
     Column("variant", "with"),
 )

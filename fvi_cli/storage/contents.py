@@ -15,9 +15,9 @@ import numpy as np
 from fvi_cli.storage.fields import field_named
 from fvi_cli.storage.fold import experiments_in
 from fvi_cli.storage.groups import OF_GROUP, read_records, run_groups
-from fvi_cli.storage.hdf5 import opened, read_attributes
+from fvi_cli.storage.hdf5 import opened, read_attributes, read_plain
 from fvi_cli.storage.identity import INPUT
-from fvi_cli.storage.parts import settings_in
+from fvi_cli.storage.parts import SETTINGS
 from fvi_cli.storage.store import Store, StoredConfiguration
 from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words
 
@@ -62,9 +62,10 @@ def list_runs(path: Path | str) -> StoredFile:
     for source in store.sources():
         with opened(source) as file:
             provenance |= read_attributes(file.id)
+            texts = read_plain(file, SETTINGS)
             # those that are asked for stand first
             for experiment, name, variant in experiments_in(file):
-                own = json.loads(settings_in(file, variant))
+                own = json.loads(texts[f"{SETTINGS}/{variant}"]["settings"])
                 words = difference_in_words(settings.setdefault(name, own), own)
                 runs += [_stored_run(name, group, words) for group in run_groups(experiment)]
     runs.sort(key=lambda one: bool(one.variant))

@@ -22,16 +22,12 @@ from fvi_cli.storage.hdf5 import (
     copy_attributes,
     opened,
     read_attributes,
-)
-from fvi_cli.storage.parts import (
-    CONFIGURATION,
-    REFERENCES,
-    VARIANT,
-    copy_configuration,
-    settings_in,
+    read_plain,
+    write_attributes,
+    write_plain,
     write_root,
-    write_settings,
 )
+from fvi_cli.storage.parts import CONFIGURATION, INPUTS, REFERENCES, SETTINGS, VARIANT
 from fvi_cli.storage.provenance import origin
 from fvi_cli.storage.stream import SafeStream
 
@@ -126,12 +122,14 @@ class _Folded:
             for experiment, name, variant in experiments_in(own):
                 place = self._place(name, variant)
                 self._append_runs(source, experiment, place, is_own=is_own)
-                if place in self._file and VARIANT not in self._file[place].attrs:
-                    write_settings(self._file, place, variant, settings_in(own, variant))
+                if place in self._file:
+                    write_attributes(self._file[place].id, {VARIANT: variant})
             if REFERENCES in own:
                 self._append_runs(source, own[REFERENCES], f"/{REFERENCES}", is_own=is_own)
-            if CONFIGURATION in own:
-                copy_configuration(own, self._file)
+            for above in (CONFIGURATION, SETTINGS, INPUTS):
+                for path, arrays in read_plain(own, above).items():
+                    if above == CONFIGURATION or path not in self._file:
+                        write_plain(self._file, path, arrays)
             for name, node in children(own) if is_own else ():
                 if not name.startswith("@") and VARIANT not in node.attrs:
                     h5o.copy(node.id, b".", self._file.id, name.encode(), lcpl=LINKS)

@@ -12,6 +12,7 @@ import functools
 import io
 import json
 import math
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -34,6 +35,9 @@ LEAST_ROWS, LEAST_BYTES = 64, 4096
 """Datasets that grow have chunks of so many rows or more, up to so many bytes."""
 FILL: Final[Mapping[str, Any]] = {"f": math.nan, "i": -1}
 """Values of members that lack what others have, by the kind of the numbers."""
+
+PLAIN_AXES: Final = ("row", "column", "layer")
+"""Axes of arrays that belong to no run."""
 
 LINKS: Final = h5p.create(h5p.LINK_CREATE)
 LINKS.set_create_intermediate_group(True)
@@ -311,3 +315,32 @@ def datasets(group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:
             yield from ((f"{name}/{path}", one) for path, one in datasets(node))
         else:
             yield name, node
+
+
+# --- groups without runs --------------------------------------------------------------------------
+
+
+def write_root(file: h5py.File, origin: Mapping[str, str]) -> None:
+    """Write the attributes of the root by which a result file is known."""
+    write_attributes(file.id, {"creator": CREATOR, "format": FORMAT, **origin})
+
+
+def write_plain(file: h5py.File, path: str, arrays: Mapping[str, str | NDArray[Any]]) -> None:
+    """Write arrays and texts of any length into a group."""
+    group, axes = make_group(file, path), {}
+    for name, one in arrays.items():
+        values = np.array([one.encode()], dtype="S") if isinstance(one, str) else one
+        put(group, name, values)
+        axes[name] = PLAIN_AXES[: values.ndim]
+    attach_scales(group, axes)
+
+
+def read_plain(file: h5py.File, above: str) -> dict[str, dict[str, Any]]:
+    """The arrays and texts of the groups below a path, by the paths of the groups."""
+    found: dict[str, dict[str, Any]] = defaultdict(dict)
+    for path, node in datasets(file[above]) if above in file else ():
+        group, _, name = f"{above}/{path}".rpartition("/")
+        if name not in PLAIN_AXES:
+            values = node[()]
+            found[group][name] = values[0].decode() if values.dtype.kind == "S" else values
+    return found

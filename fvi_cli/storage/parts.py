@@ -5,11 +5,10 @@ Killed commands, shards and other machines all leave the same thing: files in th
 
 from __future__ import annotations
 
-import contextlib
 import functools
 import hashlib
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
 import h5py
@@ -19,23 +18,8 @@ from numpy.typing import NDArray
 from fvi_cli.scenes.records.inputs import inputs_in
 from fvi_cli.storage.fields import MESH, TIME, arrays_of, axes_of, values_of
 from fvi_cli.storage.groups import DESIGN, IDENTITY, LENGTHS, NUMBER, GroupWriter, Record
-from fvi_cli.storage.hdf5 import (
-    CREATOR,
-    FORMAT,
-    LIBVER,
-    attach_scales,
-    children,
-    make_group,
-    put,
-    write_attributes,
-)
-from fvi_cli.storage.identity import (
-    canonical_json,
-    identity_of,
-    reference_identity_of,
-    sha256,
-    variant_of,
-)
+from fvi_cli.storage.hdf5 import LIBVER, write_attributes, write_plain, write_root
+from fvi_cli.storage.identity import identity_of, reference_identity_of, sha256, variant_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference, Tabulated
 
@@ -60,12 +44,9 @@ def part_name(first: Run, identities: Iterable[str]) -> str:
 def part_of(runs: Sequence[Run], finished: Sequence[FinishedRun]) -> bytes:
     """The part of finished runs, which were asked for as `runs`."""
     records = [_record(run, one) for run, one in zip(runs, finished, strict=True)]
-    with _new_image() as file:
-        # dimension scales are added when the part is folded
-        GroupWriter(file).write(records)
-        for run in {run.experiment: run for run in runs}.values():
-            write_settings(file, f"/{run.experiment.name}", *variant_of(run))
-        return _content(file)
+    variants = {run.experiment.name: variant_of(run) for run in runs}
+    settings = {f"{SETTINGS}/{variant}": {"settings": text} for variant, text in variants.values()}
+    return _image(records, settings, {name: variant for name, (variant, _) in variants.items()})
 
 
 def references_part_of(runs: Sequence[Run], references: Sequence[Reference | None]) -> bytes:
@@ -85,102 +66,30 @@ def references_part_of(runs: Sequence[Run], references: Sequence[Reference | Non
         # references at the same times share a group
         path = f"/{REFERENCES}/{run.experiment.name}/{place}"
         records.append(Record(path, values, arrays, (IDENTITY,)))
-    with _new_image() as file:
-        GroupWriter(file).write(records)
-        return _content(file)
+    return _image(records)
 
 
-def configuration_part_of(
-    text: str, resolved: Mapping[str, Any], overrides: Sequence[str]
-) -> bytes:
+def configuration_part_of(resolved: Mapping[str, Any], texts: Mapping[str, str]) -> bytes:
     """The part of a configuration, with the numbers of its files."""
-    texts = {
-        "text": text,
-        "resolved": json.dumps(resolved),
-        "overrides": json.dumps(overrides),
-        "digest": configuration_digest(text, resolved, overrides),
-    }
-    with _new_image() as file:
-        _write_configuration(file, texts, inputs_in(resolved))
-        return _content(file)
+    inputs = {f"{INPUTS}/{digest}": {"numbers": one} for digest, one in inputs_in(resolved)}
+    return _image((), {CONFIGURATION: texts, **inputs})
 
 
-def configuration_digest(text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> str:
-    """SHA-256 of a configuration."""
-    return sha256(canonical_json([text, resolved, list(overrides)]))
-
-
-def configuration_in(file: h5py.File) -> dict[str, str]:
-    """The texts of the configuration that made a file."""
-    group = file[CONFIGURATION]
-    return {name: _text_in(group, name) for name in ("text", "resolved", "overrides", "digest")}
-
-
-def inputs_of(file: h5py.File) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Digests and numbers of the input files."""
-    for digest, group in children(file[INPUTS]) if INPUTS in file else ():
-        yield digest, group["numbers"][()]
-
-
-def copy_configuration(source: h5py.File, target: h5py.File) -> None:
-    """Copy the configuration, in place of another one, and the numbers of its files."""
-    if CONFIGURATION in target:
-        del target[CONFIGURATION]
-    _write_configuration(target, configuration_in(source), inputs_of(source))
-
-
-def _write_configuration(
-    file: h5py.File, texts: Mapping[str, str], inputs: Iterable[tuple[str, NDArray[Any]]]
-) -> None:
-    _write_texts(file, f"/{CONFIGURATION}", texts)
-    for digest, numbers in inputs:
-        if (path := f"/{INPUTS}/{digest}") not in file:
-            group = make_group(file, path)
-            put(group, "numbers", numbers)
-            attach_scales(group, {"numbers": ("row", "column", "layer")[: numbers.ndim]})
-
-
-def write_root(file: h5py.File, origin: Mapping[str, str]) -> None:
-    """Write the attributes of the root by which a result file is known."""
-    write_attributes(file.id, {"creator": CREATOR, "format": FORMAT, **origin})
-
-
-def write_settings(file: h5py.File, path: str, variant: str, text: str) -> None:
-    """Write what the runs of the experiment in a group share."""
-    write_attributes(file[path].id, {VARIANT: variant})
-    if (own := f"/{SETTINGS}/{variant}") not in file:
-        _write_texts(file, own, {"settings": text})
-
-
-def settings_in(file: h5py.File, variant: str) -> str:
-    """What the runs of an experiment share, as JSON text."""
-    return _text_in(file[SETTINGS][variant], "settings")
-
-
-def _write_texts(file: h5py.File, path: str, texts: Mapping[str, str]) -> None:
-    """Write texts of any length into a group."""
-    group = make_group(file, path)
-    for name, text in texts.items():
-        put(group, name, np.array([text.encode()], dtype="S"))
-    attach_scales(group, dict.fromkeys(texts, ("text_number",)))
-
-
-def _text_in(group: h5py.Group, name: str) -> str:
-    """A text of a group, read back."""
-    return bytes(group[name][0]).decode()
-
-
-@contextlib.contextmanager
-def _new_image() -> Iterator[h5py.File]:
-    """A part in memory."""
+def _image(
+    records: Sequence[Record],
+    plain: Mapping[str, Mapping[str, str | NDArray[Any]]] | None = None,
+    variants: Mapping[str, str] | None = None,
+) -> bytes:
+    """The content of a part; dimension scales of runs are added when it is folded."""
     with h5py.File("part", "w", driver="core", backing_store=False, libver=LIBVER) as file:
         write_root(file, {})
-        yield file
-
-
-def _content(file: h5py.File) -> bytes:
-    file.flush()
-    return bytes(file.id.get_file_image())
+        GroupWriter(file).write(records)
+        for path, arrays in (plain or {}).items():
+            write_plain(file, path, arrays)
+        for experiment, variant in (variants or {}).items():
+            write_attributes(file[experiment].id, {VARIANT: variant})
+        file.flush()
+        return bytes(file.id.get_file_image())
 
 
 def _record(run: Run, finished: FinishedRun) -> Record:
@@ -222,13 +131,13 @@ def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool
         common = min(own.size, grid.size)
         if not common:
             return arrays, False
-        # members have the times of their sweep bit by bit
         spacing = float(np.diff(grid).min(initial=grid[-1]))
         off = np.flatnonzero(np.abs(own[:common] - grid[:common]) > 1e-6 * spacing)
-        # an event may have ended the run between the points of the grid
-        if off.size and off[0] < common - 1:
-            return arrays, False
         points = int(off[0]) if off.size else common
+        # an event may have ended the run between the points of the grid
+        if points < own.size - 1:
+            return arrays, False
+        # members have the times of their sweep bit by bit
         arrays |= {n: one[:points] for n, one in arrays.items() if axes_of(n)[0] == axis}
         arrays[axis] = grid[:points]
     return arrays, True

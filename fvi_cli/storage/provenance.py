@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import os
 import platform
-import shutil
 import subprocess
 from datetime import UTC, datetime
 from importlib import metadata
@@ -13,9 +12,7 @@ from pathlib import Path
 
 import fvi_cli
 
-UNKNOWN = "unknown"
 _PACKAGES = ("numpy", "scipy", "h5py", "PyYAML", "matplotlib")
-_GIT_SECONDS = 10.0
 _PACKAGE = Path(fvi_cli.__file__).resolve().parent
 
 
@@ -23,12 +20,7 @@ _PACKAGE = Path(fvi_cli.__file__).resolve().parent
 def package_versions() -> dict[str, str]:
     """Versions of this package, of Python and of the libraries that compute and write."""
     versions = {"fvi-cli": fvi_cli.__version__, "python": platform.python_version()}
-    for name in _PACKAGES:
-        try:
-            versions[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            versions[name] = UNKNOWN
-    return versions
+    return versions | {name: metadata.version(name) for name in _PACKAGES}
 
 
 def platform_name() -> str:
@@ -42,30 +34,25 @@ def commit_of(package: Path) -> str:
 
     ``unknown`` for an installed package and where there is no git.
     """
-    program = shutil.which("git")
-    if program is None or not (package.parent / ".git").exists():
-        return UNKNOWN
+    if not (package.parent / ".git").exists():
+        return "unknown"
     # a caller's own GIT_DIR (as in a hook) would lead to another repository
     environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
     try:
-        done = subprocess.run(  # noqa: S603 - fixed arguments, no shell
-            [program, "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],
+        return subprocess.check_output(
+            ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],  # noqa: S607
             cwd=package,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
+            stderr=subprocess.DEVNULL,
             text=True,
-            check=True,
-            timeout=_GIT_SECONDS,
+            timeout=10.0,
             env={**environment, "GIT_OPTIONAL_LOCKS": "0"},
-        )
-    except (OSError, subprocess.SubprocessError, UnicodeDecodeError):
-        return UNKNOWN
-    return done.stdout.strip() or UNKNOWN
+        ).strip()
+    except (OSError, subprocess.SubprocessError):
+        return "unknown"
 
 
-@functools.cache
 def origin() -> dict[str, str]:
-    """Time (UTC) at which this process first stored something, commit, versions and platform."""
+    """Time (UTC), commit, versions and platform."""
     versions = package_versions()
     return {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),

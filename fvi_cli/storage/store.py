@@ -18,15 +18,9 @@ from fvi_cli.storage.fields import TIME, finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
 from fvi_cli.storage.fold import KEPT, fold_files
 from fvi_cli.storage.groups import Record, identities_in, read_records, run_groups
-from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, Source, opened
+from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, Source, opened, read_plain
 from fvi_cli.storage.identity import identity_of, reference_identity_of, variant_of
-from fvi_cli.storage.parts import (
-    CONFIGURATION,
-    configuration_digest,
-    configuration_in,
-    configuration_part_of,
-    inputs_of,
-)
+from fvi_cli.storage.parts import CONFIGURATION, INPUTS, configuration_part_of
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.reference import Reference, Tabulated
 
@@ -55,7 +49,6 @@ class StoredConfiguration:
     text: str  # word for word
     overrides: tuple[str, ...]  # changes ``key.path=value`` that the command made to it
     resolved: Mapping[str, Any]  # with every default filled in and every override applied
-    digest: str
 
 
 class Store:
@@ -204,19 +197,18 @@ class Store:
 
     def describe(self, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> None:
         """Store the configuration of a command, unless the file has it already."""
-        digest = configuration_digest(text, resolved, overrides)
-        if self.path is None or not self.keeps or self._stored_digest() == digest:
+        texts = {
+            "text": text, "resolved": json.dumps(resolved), "overrides": json.dumps(overrides)
+        }  # fmt: skip
+        if self.path is None or not self.keeps:
             return
-        part = configuration_part_of(text, resolved, overrides)
+        if self.path.exists():
+            with opened(self.path, CONFIGURATION) as file:
+                if read_plain(file, CONFIGURATION).get(CONFIGURATION) == texts:
+                    return
         # parts are folded in the order of their names, the latest last
-        self.add(f"configuration-{time.time_ns()}{SUFFIX}", part)
-
-    def _stored_digest(self) -> str:
-        """The digest of the configuration of the file."""
-        if self.path is None or not self.path.exists():
-            return ""
-        with opened(self.path, CONFIGURATION) as file:
-            return configuration_in(file)["digest"] if CONFIGURATION in file else ""
+        name = f"configuration-{time.time_ns()}{SUFFIX}"
+        self.add(name, configuration_part_of(resolved, texts))
 
     def configuration(self) -> StoredConfiguration:
         """The latest configuration; the numbers of its files are then known to the process.
@@ -231,17 +223,14 @@ class Store:
             raise StorageError(f"{self.path}: no such file{hint}")
         for source in reversed(self.sources()):
             with opened(source, CONFIGURATION) as file:
-                if CONFIGURATION not in file:
-                    continue
-                texts = configuration_in(file)
-                for _, numbers in inputs_of(file):
-                    keep_numbers(numbers)
-            return StoredConfiguration(
-                text=texts["text"],
-                overrides=tuple(json.loads(texts["overrides"])),
-                resolved=json.loads(texts["resolved"]),
-                digest=texts["digest"],
-            )
+                if texts := read_plain(file, CONFIGURATION).get(CONFIGURATION):
+                    for inputs in read_plain(file, INPUTS).values():
+                        keep_numbers(inputs["numbers"])
+                    return StoredConfiguration(
+                        text=texts["text"],
+                        overrides=tuple(json.loads(texts["overrides"])),
+                        resolved=json.loads(texts["resolved"]),
+                    )
         raise StorageError(f"{self.path}: holds no configuration")
 
     def fold(self, requested: Sequence[Run] = (), *, prunes: bool = False) -> None:

@@ -11,7 +11,7 @@ import io
 from typing import Any
 
 
-class SafeStream:
+class SafeStream(io.RawIOBase):
     """Random access to an open file without buffer, for :class:`h5py.File`."""
 
     def __init__(self, file: io.FileIO) -> None:
@@ -28,17 +28,14 @@ class SafeStream:
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
         """Move to a place; beyond the end is allowed."""
-        self._position = offset + (self._size if whence == io.SEEK_END else 0)
-        return self._position
-
-    def tell(self) -> int:
-        """The place where the next byte is read or written."""
+        begin = {io.SEEK_SET: 0, io.SEEK_CUR: self._position, io.SEEK_END: self._size}[whence]
+        self._position = begin + offset
         return self._position
 
     def write(self, data: Any) -> int:
         """Write all of `data`; after a failure to memory."""
         content, place = bytes(data), self._position
-        self._position += len(content)
+        self.seek(len(content), io.SEEK_CUR)
         self._size = max(self._size, self._position)
         try:
             if self._failure is None:
@@ -53,8 +50,9 @@ class SafeStream:
         return len(content)
 
     def readinto(self, target: Any) -> int:
-        """Fill the target; what no file has is zero."""
+        """Fill the target; what nobody has written is zero."""
         begin, view = self._position, memoryview(target).cast("B")
+        self.seek(len(view), io.SEEK_CUR)
         content = bytearray(len(view))
         try:
             self._file.seek(begin)
@@ -67,24 +65,14 @@ class SafeStream:
             if first < last:
                 content[first - begin : last - begin] = data[first - place : last - place]
         view[:] = content
-        self._position += len(view)
         return len(view)
 
-    def read(self, size: int) -> bytes:
-        """Bytes from the present place on; h5py requires this method of a file."""
-        content = bytearray(size)
-        self.readinto(content)
-        return bytes(content)
-
-    def truncate(self, size: int) -> int:
+    def truncate(self, size: int | None = None) -> int:
         """Change the length."""
-        self._size = size
+        self._size = self._position if size is None else size
         try:
             if self._failure is None:
-                self._file.truncate(size)
+                self._file.truncate(self._size)
         except BaseException as error:
             self._failure = error
-        return size
-
-    def flush(self) -> None:
-        """Do nothing: there is no buffer."""
+        return self._size

@@ -102,7 +102,8 @@ def test_what_other_programs_add_stays(tmp_path):
     path = tmp_path / "one.h5"
     before = run(tmp_path, SWEPT)
     with h5py.File(path, "a") as file:
-        for node in (file, file["one/gauss-s2-graded/n000008"]):
+        group = file["one/gauss-s2-graded/n000008"]
+        for node in (file, group, group["position"]):
             node.attrs["note"] = "of a viewer ½"
         file["mine/values"] = [1.0, 2.0]
     for one, other in zip(before, run(tmp_path, SWEPT), strict=True):
@@ -110,7 +111,8 @@ def test_what_other_programs_add_stays(tmp_path):
     run(tmp_path, SWEPT.replace("3.0]", "3.0, 4.0]"))
     with h5py.File(path) as file:
         assert file.attrs["note"] == "of a viewer ½"
-        assert file["one/gauss-s2-graded/n000008"].attrs["note"] == "of a viewer ½"
+        group = file["one/gauss-s2-graded/n000008"]
+        assert [node.attrs["note"] for node in (group, group["position"])] == ["of a viewer ½"] * 2
         assert file["mine/values"][()].tolist() == [1.0, 2.0]
 
 
@@ -241,3 +243,17 @@ def test_modes_and_links_of_files_stay(tmp_path):
     assert (tmp_path / "one.h5").is_symlink()
     assert (tmp_path / "real/one.h5").stat().st_mode & 0o777 == 0o600
     assert kept_in(tmp_path / "real/one.h5", load().experiments[0].runs()) == 2
+
+
+def test_parts_in_a_folder_that_cannot_be_written_are_read(tmp_path, monkeypatch, caplog):
+    store, loaded = Store(tmp_path / "one.h5"), load(SWEPT)
+    store.describe(loaded.text, loaded.resolved, loaded.overrides)
+    add(store, run(None, SWEPT)[:3])
+
+    def refuse(*arguments, **options):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("fvi_cli.storage.store.file_lock", refuse)
+    assert [one.members for one in list_runs(tmp_path / "one.h5").runs] == [3]
+    assert "cannot be written: Permission denied; its parts are read" in caplog.text
+    assert len(api.recall(tmp_path / "one.h5")[0].finished) == 3
