@@ -15,7 +15,6 @@ from typer.testing import CliRunner
 import fvi_cli
 from fvi_cli.cli.app import app
 from fvi_cli.runner import progress, request
-from fvi_cli.storage import identity
 from fvi_cli.storage.identity import SOLVER_VERSION
 from fvi_cli.studies import study
 from fvi_cli.studies.tolerance import runs as tolerance_runs
@@ -138,7 +137,6 @@ def actions(result):
 def becomes_another(monkeypatch):
     """What is stored so far is that of another version of the solver."""
     monkeypatch.setattr("fvi_cli.storage.identity.SOLVER_VERSION", SOLVER_VERSION + 1)
-    identity._variant.cache_clear()
 
 
 def test_runs_of_another_solver_are_computed_again(folder, monkeypatch):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -17,7 +16,6 @@ from fvi_cli.storage.groups import GroupWriter, read_records, run_groups
 from fvi_cli.storage.hdf5 import (
     LIBVER,
     LINKS,
-    DamagedFileError,
     children,
     copy_attributes,
     opened,
@@ -30,8 +28,6 @@ from fvi_cli.storage.hdf5 import (
 from fvi_cli.storage.parts import CONFIGURATION, INPUTS, REFERENCES, SETTINGS, VARIANT
 from fvi_cli.storage.provenance import origin
 from fvi_cli.storage.stream import SafeStream
-
-_logger = logging.getLogger(__name__)
 
 KEPT: Final = "@kept"
 """Group of experiments with settings that are not asked for, below the digest of these."""
@@ -53,15 +49,14 @@ def fold_files(
     variants: Mapping[str, str],
     *,
     prunes: bool,
-) -> list[Path]:
-    """Append parts to a result file; returns those that are damaged.
+) -> None:
+    """Append parts to a result file.
 
     A run of a source is taken if it `is_kept`; an experiment is at the root if its settings are
     those in `variants`, or else the latest. If it `prunes`, the file is written anew.
     """
     is_copy = path.exists() and not prunes
     sources = [path] * (path.exists() and prunes) + sorted(parts)
-    damaged: list[Path] = []
     with replacement(path) as temporary:
         if is_copy:
             shutil.copyfile(path, temporary)
@@ -70,28 +65,18 @@ def fold_files(
             with h5py.File(stream, "r+" if is_copy else "w", libver=LIBVER) as file:
                 folded = _Folded(file, is_kept, {**_latest(sources), **variants})
                 for source in sources:
-                    try:
-                        folded.append(source, is_own=source == path)
-                    except DamagedFileError as error:
-                        if source not in parts or error.path != source:
-                            raise
-                        _logger.warning("%s", error)
-                        damaged.append(source)
+                    folded.append(source, is_own=source == path)
                     stream.check()
                 folded.finish()
             stream.check()
-    return damaged
 
 
 def _latest(sources: Sequence[Path]) -> dict[str, str]:
     """The settings of every experiment, of several the latest."""
     found: dict[str, str] = {}
     for source in sorted(sources, key=lambda one: one.stat().st_mtime_ns):
-        try:
-            with opened(source) as file:
-                found |= {name: one for _, name, one in experiments_in(file)}
-        except DamagedFileError:
-            continue
+        with opened(source) as file:
+            found |= {name: one for _, name, one in experiments_in(file)}
     return found
 
 

@@ -78,7 +78,6 @@ class DamagedFileError(StorageError):
                 "whole; move the file away, and its runs are computed again"
             )
         super().__init__(f"{_name_of(path)}: {message}")
-        self.path = path
 
 
 @contextlib.contextmanager
@@ -98,6 +97,8 @@ def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
         with h5py.File(io.BytesIO(source) if isinstance(source, bytes) else source) as file:
             _refuse_strangers(file, source)
             yield file
+    except FileNotFoundError:
+        raise
     except _READ_ERRORS as error:
         if isinstance(error, PermissionError):
             raise StorageError(f"{_name_of(source)}: cannot be read: {reason(error)}") from None

@@ -16,7 +16,7 @@ import numpy as np
 
 from fvi_cli.scenes.records.inputs import digest_of, without_places
 from fvi_cli.studies.experiment import Experiment, Run
-from fvi_cli.studies.members import with_values, without_values
+from fvi_cli.studies.members import with_values
 
 SOLVER_VERSION: Final = 21
 """Raise it whenever the same run gives other numbers; stored runs are then computed again."""
@@ -47,13 +47,15 @@ def identity_of(run: Run) -> str:
     neither method nor steps, which it chooses.
     """
     settings = _settings(run.experiment, run.method, run.n_steps)
-    return sha256(f"{SOLVER_VERSION} {settings} {canonical_json(_problem_of(run))}")
+    problem = _problem(run, {} if run.member is None else run.member.values)
+    return sha256(f"{SOLVER_VERSION} {settings} {canonical_json(problem)}")
 
 
 def reference_identity_of(run: Run) -> str:
     """SHA-256 of the problem and the ladder, which determine the reference of a run."""
     ladder = [sorted(run.experiment.steps), run.experiment.grading]
-    return sha256(canonical_json(["reference", SOLVER_VERSION, _problem_of(run), ladder]))
+    problem = _problem(run, {} if run.member is None else run.member.values)
+    return sha256(canonical_json(["reference", SOLVER_VERSION, problem, ladder]))
 
 
 def variant_of(run: Run) -> tuple[str, str]:
@@ -61,17 +63,9 @@ def variant_of(run: Run) -> tuple[str, str]:
 
     In the problem ``swept`` stands for swept values.
     """
-    keys = () if run.member is None else tuple(sorted(run.member.values))
-    template = _text_of(run.experiment) if run.member is None else run.member.template
-    return _variant(run.experiment, template, keys)
-
-
-@functools.lru_cache(maxsize=256)
-def _variant(experiment: Experiment, template: str, keys: tuple[str, ...]) -> tuple[str, str]:
-    first = Run(experiment=experiment, method=experiment.methods[0], n_steps=1)
-    settings = {key: one for key, one in first.settings().items() if key not in METHOD_KEYS}
-    problem = without_values(_extracted(template, _first_keys(keys)), keys)
-    own = {"solver_version": SOLVER_VERSION, "problem": problem}
+    settings = {key: one for key, one in run.settings().items() if key not in METHOD_KEYS}
+    swept = {} if run.member is None else dict.fromkeys(run.member.values, "swept")
+    own = {"solver_version": SOLVER_VERSION, "problem": _problem(run, swept)}
     text = canonical_json({**settings, **own})
     return sha256(text)[:12], text
 
@@ -84,24 +78,17 @@ def _settings(experiment: Experiment, method: Any, n_steps: int) -> str:
     return canonical_json(settings)
 
 
-def _problem_of(run: Run) -> Mapping[str, Any]:
-    """The problem of a run, with digests for long lists, and without places of files."""
-    if run.member is None:
-        return _extracted(_text_of(run.experiment), frozenset())
-    changed = _first_keys(tuple(run.member.values))
-    own = with_values(_extracted(run.member.template, changed), run.member.values)
-    return own | {key: extract_lists(without_places(own[key])) for key in changed if key in own}
+def _problem(run: Run, values: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The problem of a run with some values, digests for long lists, and no places of files."""
+    template = _text_of(run.experiment) if run.member is None else run.member.template
+    changed = frozenset(path.split(".")[1] for path in values)
+    found = with_values(_extracted(template, changed), values)
+    return found | {key: extract_lists(without_places(found[key])) for key in changed & {*found}}
 
 
 @functools.lru_cache(maxsize=64)
 def _text_of(experiment: Experiment) -> str:
     return json.dumps(dict(experiment.problem_specification))
-
-
-@functools.lru_cache(maxsize=64)
-def _first_keys(keys: tuple[str, ...]) -> frozenset[str]:
-    """The first-level keys below ``problem`` in which members differ."""
-    return frozenset(path.split(".")[1] for path in keys)
 
 
 @functools.lru_cache(maxsize=64)

@@ -18,7 +18,7 @@ from fvi_cli.storage.fields import TIME, finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
 from fvi_cli.storage.fold import KEPT, fold_files
 from fvi_cli.storage.groups import Record, identities_in, read_records, run_groups
-from fvi_cli.storage.hdf5 import OTHER_VERSION, DamagedFileError, Source, opened, read_plain
+from fvi_cli.storage.hdf5 import OTHER_VERSION, Source, opened, read_plain
 from fvi_cli.storage.identity import identity_of, reference_identity_of, variant_of
 from fvi_cli.storage.parts import CONFIGURATION, INPUTS, configuration_part_of
 from fvi_cli.studies.experiment import FinishedRun, Run
@@ -91,9 +91,6 @@ class Store:
             _logger.warning("%s; its parts are read as they are", error)
         return store
 
-    def __len__(self) -> int:
-        return len(self._places)
-
     @property
     def folder(self) -> Path:
         """The folder of the parts."""
@@ -126,12 +123,8 @@ class Store:
         for source in sources:
             if source not in self._known:
                 self._known[source] = 0
-                try:
+                with contextlib.suppress(FileNotFoundError):
                     self._places |= _surveyed(source)
-                except DamagedFileError as error:
-                    _logger.warning("%s", error)
-                except FileNotFoundError:
-                    continue
 
     def has(self, identity: str) -> bool:
         """Whether a run or a reference is stored."""
@@ -238,8 +231,8 @@ class Store:
 
         Experiments with other settings than those of the `requested` runs move to ``/@kept/``; if
         it `prunes`, runs that are not requested are dropped. One command folds at a time; a part
-        that appears meanwhile waits for the next. A damaged part is set aside. Where the file
-        system has no locks, parts stay.
+        that appears meanwhile waits for the next. Where the file system has no locks,
+        parts stay.
         """
         if (
             self.path is None
@@ -266,10 +259,9 @@ class Store:
                 is_latest = place is not None and place.source == source
                 return is_latest and (not prunes or identity in needed)
 
-            variants = {run.experiment.name: variant_of(run)[0] for run in requested}
-            damaged = fold_files(self.path, parts, is_kept, variants, prunes=prunes)
-            for one in damaged:
-                one.replace(one.with_suffix(".damaged"))
+            first = {run.experiment: run for run in requested}
+            variants = {one.name: variant_of(run)[0] for one, run in first.items()}
+            fold_files(self.path, parts, is_kept, variants, prunes=prunes)
             for one in parts:
                 one.unlink(missing_ok=True)
             self._remove_unfinished()
