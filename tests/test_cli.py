@@ -110,8 +110,7 @@ def test_a_mistake_of_the_program_costs_its_own_batch(folder, monkeypatch, key):
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml", code=1)
     assert "bad" in result.stderr
-    assert "unexpected ZeroDivisionError" in result.stderr
-    assert "made up; this is a mistake of the program, please report it" in result.stderr
+    assert "ZeroDivisionError" in result.stderr
     assert re.search(r"^bad .* failed$", result.stdout, re.MULTILINE)
     # the others are stored; the mistake is not, so that it is tried again
     told = fvi("run", "mistaken.yaml", "--dry-run").stdout

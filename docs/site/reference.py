@@ -9,7 +9,8 @@ from typing import Any
 
 import typer
 
-from fvi_cli.cli.app import COMMANDS, app
+from fvi_cli.cli.app import app
+from fvi_cli.cli.command import COMMANDS
 from fvi_cli.config import configuration_reference
 from fvi_cli.storage.fields import AXES, FIELDS
 

@@ -15,11 +15,10 @@ from typing import Annotated, NoReturn
 import typer
 
 import fvi_cli
-from fvi_cli.cli import compute, files
+import fvi_cli.cli.compute
+import fvi_cli.cli.files
 from fvi_cli.cli.command import COMMANDS
 from fvi_cli.cli.exits import DONE
-
-__all__ = ["COMMANDS", "app", "command_line", "compute", "files"]
 
 
 def app(arguments: Sequence[str] = ()) -> typer.Typer:

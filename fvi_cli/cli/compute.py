@@ -164,27 +164,15 @@ def response(
     call: Call,
     configs: Configs,
     frequency: Annotated[
-        str,
-        typer.Option(
-            metavar="FROM:TO:N[:log]",
-            help="In oscillations per unit of time, Hz for seconds, as in 0.2:8:400.",
-        ),
+        str, typer.Option(metavar="FROM:TO:N[:log]", help="In Hz, where time is in seconds.")
     ],
     force: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="WHERE[=AMPLITUDE]",
-            help="A coordinate, a combination such as 'x2 - x1', or ground: an acceleration of 1; "
-            "repeatable. Default: the ground, where it moves.",
-        ),
+        typer.Option(metavar="WHERE[=SIZE]", help="Such as x1, x2 - x1, or ground; repeatable."),
     ] = None,
     at: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="WHERE",
-            help="Outputs: coordinates, combinations, accelerations such as ax5, quantities; "
-            "repeatable. Default: the coordinate that moves most.",
-        ),
+        typer.Option(metavar="WHERE", help="Outputs such as x5, ax5, drift_1; repeatable."),
     ] = None,
 ) -> int:
     """Compute steady responses: magnitude, phase, peaks, half-power loss factors.

@@ -56,15 +56,11 @@ def _ending(error: BaseException) -> tuple[int, str]:
         case RequestError():
             # as it is: a line may begin with file:line:column, as editors understand it
             return WRONG_REQUEST, str(error)
-        case FviError():
+        case FviError() | OSError():
             return WRONG_REQUEST, f"fvi: {error}"
         case KeyboardInterrupt():
             return INTERRUPTED, "fvi: interrupted; the same command goes on"
         case MemoryError():
             return RUN_FAILED, f"fvi: not enough memory {error}".rstrip()
-        case OSError():
-            # a folder that is not there, a full disk, no permission
-            place = f"{error.filename}: " if error.filename else ""
-            return WRONG_REQUEST, f"fvi: {place}{error.strerror or error}"
     words = f"fvi: unexpected {type(error).__name__}: {error}"
     return RUN_FAILED, f"{words}\nfvi: this is a mistake of the program; -v shows where"

@@ -21,16 +21,9 @@ FILES, CONFIGURATIONS = "Result files", "Configurations"
 @command(FILES, "json")
 def show(
     call: Call,
-    file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE.h5|NAME",
-            help="Results of `fvi run`; with --config also a shipped configuration.",
-            autocompletion=shipped_names,
-        ),
-    ],
+    file: Annotated[Path, typer.Argument(metavar="FILE.h5|NAME", autocompletion=shipped_names)],
     config: Annotated[
-        bool, typer.Option("--config", help="Print the configuration that made the file.")
+        bool, typer.Option("--config", help="Print the configuration, also a shipped one.")
     ] = False,
 ) -> int:
     """List what a result file holds, or print the configuration that made it.

@@ -6,7 +6,6 @@ import logging
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -227,7 +226,9 @@ class _Work:
                     if isinstance(result, bytes):
                         self.store.add(batch.name, result)
                     elif not batch.is_reference:
-                        lost |= dict.fromkeys(batch.runs, _words(result))
+                        words = f"not computed: {type(result).__name__}: {result}"
+                        lost |= dict.fromkeys(batch.runs, words)
+                        _logger.debug("%s", words, exc_info=result)
                     if not batch.is_reference:
                         advance(len(batch.runs))
                 self.store.look()
@@ -244,17 +245,6 @@ class _Work:
                     continue
             needed = [] if batch.is_reference else list(filter(needs_refined_run, batch.runs))
             yield replace(batch, references=self.store.references(needed))
-
-
-def _words(error: Exception) -> str:
-    """Why a batch was not computed; the traceback is logged at the debug level."""
-    _logger.debug("", exc_info=error)
-    if isinstance(error, BrokenExecutor):
-        return "the process that computed it ended twice (out of memory?)"
-    if isinstance(error, MemoryError):
-        return f"not enough memory {error}".rstrip()
-    words = f"unexpected {type(error).__name__}: {error}"
-    return f"{words}; this is a mistake of the program, please report it"
 
 
 def _lost_run(run: Run, message: str) -> FinishedRun:

@@ -47,7 +47,11 @@ def compute_all(
     """
     if dask is None and workers == 1:
         for batch in batches:
-            yield batch, _result(batch)
+            try:
+                result: Result = compute(batch)
+            except Exception as error:
+                result = error
+            yield batch, result
         return
     pool: _Pool = functools.partial(_processes, workers)
     if dask is not None:
@@ -60,13 +64,6 @@ def compute_all(
                 yield from _drain(executor, itertools.chain(first, waiting), most, failed)
         waiting = iter(failed)
     yield from failed.items()
-
-
-def _result(batch: Batch) -> Result:
-    try:
-        return compute(batch)
-    except Exception as error:
-        return error
 
 
 def _drain(
@@ -98,46 +95,41 @@ def _drain(
 @contextlib.contextmanager
 def _processes(workers: int) -> Iterator[Executor]:
     """A pool of processes of this machine, which end when the block is left by an exception."""
-    method = "forkserver" if sys.platform == "linux" else "spawn"
-    context = multiprocessing.get_context(method)
-    if method == "forkserver":
-        _start_forkserver(context)
-    before = set(multiprocessing.active_children())
+    context: multiprocessing.context.BaseContext = multiprocessing.get_context("spawn")
+    if sys.platform == "linux":
+        from multiprocessing import forkserver, resource_tracker
+
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload([__name__])
+        # a Ctrl-C reaches all processes of a terminal, also while they import their modules; the
+        # start of the tracker would unblock it
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(workers, mp_context=context, initializer=_begin) as pool:
         try:
             yield pool
         except BaseException:
-            for child in set(multiprocessing.active_children()) - before:
+            for child in set(multiprocessing.active_children()) - others:
                 child.terminate()
             raise
-
-
-def _start_forkserver(context: multiprocessing.context.BaseContext) -> None:
-    """Start the parent of all workers with Ctrl-C blocked, which reaches all of a terminal."""
-    from multiprocessing import forkserver, resource_tracker
-
-    context.set_forkserver_preload([__name__])
-    # its start would unblock the signal
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        forkserver.ensure_running()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _begin() -> None:
     """Prepare a process: only its parent answers Ctrl-C, and it ends with its parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-
-
-def _end_with_parent() -> None:
-    """End this process when its parent was killed: else it would compute on."""
     parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
+
+    def end_with_parent() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=end_with_parent, daemon=True).start()
 
 
 @contextlib.contextmanager

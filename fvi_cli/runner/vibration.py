@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from fvi_cli.runner.progress import Task, carry_out
 from fvi_cli.runner.request import Source, load
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Subject
-from fvi_cli.studies.members import label_of
+from fvi_cli.studies.members import OfMember, label_of
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 from fvi_cli.studies.vibration.outputs import harmonic_outputs
 from fvi_cli.studies.vibration.response import (
@@ -31,6 +32,8 @@ from fvi_cli.studies.vibration.response import (
 )
 
 _logger = logging.getLogger(__name__)
+
+Table = TypeVar("Table", bound=OfMember)
 
 USUAL_COUNT = 10
 MOST_FREQUENCIES = 100_000
@@ -72,34 +75,20 @@ def modes_tasks(
     """A task for every scene; raises :class:`RequestError` as :func:`modes` does."""
     if near is not None and not near > 0:
         raise RequestError(f"--near: {near:g} is not allowed; it must be positive")
-    return [
-        _task("modes", one, functools.partial(_modes, one, count, near))
-        for one in _subjects(config)
-    ]
+    return _tasks("modes", config, functools.partial(_modes, count=count, near=near))
 
 
-def _modes(one: Subject, count: int | None, near: float | None) -> ModeTable:
-    problem = _linear(one)
+def _modes(one: Subject, problem: Problem, *, count: int | None, near: float | None) -> ModeTable:
     d = problem.scene.dimension
     if count is not None and not 1 <= count <= d:
-        raise RequestError(f"--count: {count} is not allowed; {one.name} has 1 to {d} modes")
-    try:
-        table = find_modes(problem.scene, count or USUAL_COUNT, near=near)
-    except ValueError as error:
-        raise RequestError(f"{one.name}: {error}") from None
-    if table.counted is None:
-        _logger.warning(
-            "%s: modes may be missing: they cannot be counted, one lies at the edge of the region",
-            one.name,
-        )
-    elif not table.is_complete:
-        _logger.warning(
-            "%s: %d modes are found where the argument principle counts %d",
-            one.name,
-            table.inside,
-            table.counted,
-        )
-    return replace(table, **_labels(one), coordinates=problem.coordinates or table.coordinates)
+        raise ValueError(f"--count: {count} is not allowed; there are 1 to {d} modes")
+    table = find_modes(problem.scene, count or USUAL_COUNT, near=near)
+    if not table.is_complete:
+        words = "they cannot be counted, one lies at the edge of the region"
+        if table.counted is not None:
+            words = f"{table.inside} are found where the argument principle counts {table.counted}"
+        _logger.warning("%s: modes may be missing: %s", one.name, words)
+    return replace(table, coordinates=problem.coordinates or table.coordinates)
 
 
 def response(
@@ -142,10 +131,7 @@ def response_tasks(
 ) -> list[Task]:
     """A task for every scene; raises :class:`RequestError` as :func:`response` does."""
     hertz = frequencies(frequency)
-    return [
-        _task("response", one, functools.partial(_response, one, hertz, force, at))
-        for one in _subjects(config)
-    ]
+    return _tasks("response", config, functools.partial(_response, hertz=hertz, force=force, at=at))
 
 
 def frequencies(text: str) -> Array:
@@ -170,68 +156,69 @@ def frequencies(text: str) -> Array:
     return space(*ends, count)
 
 
-def _response(one: Subject, hertz: Array, force: Sequence[str], at: Sequence[str]) -> ResponseTable:
-    problem = _linear(one)
+def _response(
+    one: Subject, problem: Problem, *, hertz: Array, force: Sequence[str], at: Sequence[str]
+) -> ResponseTable:
     scene, coordinates = problem.scene, problem.coordinates
     specification = one.problem_specification
     if not force and specification.get("ground_acceleration", "0") != "0":
         force = [GROUND]
     if not force:
-        raise RequestError(
-            f"{one.name}: say where forces act, for example --force x1, or --force {GROUND}"
-        )
+        raise ValueError(f"say where forces act, for example --force x1, or --force {GROUND}")
     direction = specification.get("ground_direction", 1.0)
-    option = "--force"
-    try:
+    with _naming("--force"):
         loads = [harmonic_force(text, scene, coordinates, direction) for text in force]
-        option = "--at"
+    quantities = one.experiment.observations.quantities or {}
+    with _naming("--at"):
         names = names_along(problem, problem.ready)
-        quantities = one.experiment.observations.quantities or {}
         outputs = harmonic_outputs(at, names, problem, quantities) if at else None
-        option = one.name
-        table = harmonic_response(
-            scene,
-            sum(loads, np.zeros(1)),
-            hertz,
-            outputs=at or coordinates,
-            rows=None if outputs is None else outputs.forms,
-            offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(force),
-            load_words=", ".join(force),
-        )
-    except ValueError as error:
-        raise RequestError(f"{option}: {error}") from None
-    qualities = ("displacement",) if outputs is None else outputs.qualities
-    return replace(table, **_labels(one), qualities=qualities)
-
-
-def _subjects(config: LoadedConfig) -> Iterator[Subject]:
-    """Every experiment or member."""
-    for experiment in config.experiments:
-        for member in experiment.members or (None,):
-            yield Subject(experiment=experiment, member=member)
-
-
-def _linear(one: Subject) -> Problem:
-    """The problem with its linear scene; RequestError where there is none."""
-    name, problem = one.experiment.name, one.problem
-    if not isinstance(problem, Problem):
-        raise RequestError(f"{name}: has no motion, and so no modes")
-    if not problem.scene.is_linear:
-        raise RequestError(
-            f"{name}: {problem.kind} is not linear; modes and harmonic responses need a linear "
-            "scene"
-        )
-    return problem
-
-
-def _task(action: str, one: Subject, work: Callable[[], Any]) -> Task:
-    of = (f"{_linear(one).scene.dimension} degrees of freedom", label_of(one.member))
-    return Task(
-        experiment=one.experiment.name, action=action, of=", ".join(filter(None, of)), work=work
+    table = harmonic_response(
+        scene,
+        sum(loads, np.zeros(1)),
+        hertz,
+        outputs=at or coordinates,
+        rows=None if outputs is None else outputs.forms,
+        offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(force),
+        load_words=", ".join(force),
     )
+    qualities = ("displacement",) if outputs is None else outputs.qualities
+    return replace(table, qualities=qualities)
 
 
-def _labels(one: Subject) -> dict[str, Any]:
-    """What a table of a scene is known by."""
-    experiment = one.experiment
-    return {"name": experiment.name, "of_member": one.member, "units": experiment.units}
+@contextlib.contextmanager
+def _naming(option: str) -> Iterator[None]:
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{option}: {error}") from None
+
+
+def _tasks(action: str, config: LoadedConfig, compute: Callable[..., Table]) -> list[Task]:
+    """A task for the scene of every experiment or member."""
+    subjects = [
+        Subject(experiment=experiment, member=member)
+        for experiment in config.experiments
+        for member in experiment.members or (None,)
+    ]
+    return [
+        Task(
+            experiment=one.experiment.name,
+            action=action,
+            of=label_of(one.member),
+            work=functools.partial(_table, one, compute),
+        )
+        for one in subjects
+    ]
+
+
+def _table(one: Subject, compute: Callable[..., Table]) -> Table:
+    """The table of a linear scene; RequestError where there is none."""
+    experiment, problem = one.experiment, one.problem
+    if not isinstance(problem, Problem) or not problem.scene.is_linear:
+        words = "modes and harmonic responses need a linear scene"
+        raise RequestError(f"{one.name}: {words}, and {problem.kind} is none")
+    try:
+        table = compute(one, problem)
+    except ValueError as error:
+        raise RequestError(f"{one.name}: {error}") from None
+    return replace(table, name=experiment.name, of_member=one.member, units=experiment.units)

@@ -100,20 +100,19 @@ def _pack(run: Run) -> int:
 @functools.lru_cache(maxsize=64)
 def one_by_one_words(experiment: Experiment) -> str:
     """Why members of a sweep are integrated one by one; empty where they are a batch."""
-    scene = experiment.problem.scene
+    scene, steps = experiment.problem.scene, max(experiment.steps, default=1)
     if not experiment.members or scene is None:
         return ""
     if experiment.accuracy is not None:
         reason = "a tolerance chooses steps for each"
     elif experiment.observations.impacts:
         reason = "impacts cut the steps of each"
-    elif all(
-        not isinstance(one, Method) or batch_kind(scene, one, max(experiment.steps)) is None
-        for one in experiment.methods
+    elif any(
+        isinstance(one, Method) and batch_kind(scene, one, steps) for one in experiment.methods
     ):
-        reason = "their steps have too many unknowns, or the method takes single scenes"
-    else:
         return ""
+    else:
+        reason = "their steps have too many unknowns, or the method takes single scenes"
     return f"{len(experiment.members)} members are integrated one by one: {reason}"
 
 
