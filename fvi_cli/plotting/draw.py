@@ -13,11 +13,11 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import ListedColormap, LogNorm, Normalize, to_hex
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import FixedLocator, LogLocator, MaxNLocator, NullFormatter, NullLocator
 
 from fvi_cli.plotting.panels import Cells, Curve, Panel
-from fvi_cli.plotting.style import INK, PALE, Look, cycled, journal_style
-from fvi_cli.plotting.words import wrap
+from fvi_cli.plotting.style import GREY, INK, PALE, STRIP, Look, cycled, journal_style
+from fvi_cli.plotting.words import fraction_in_words, wrap
 
 Painter = Callable[[Axes, Any], None]
 Share = bool | Literal["row", "col"]
@@ -29,13 +29,16 @@ _PER_INCH = 17.0  # letters of a label
 _LINE = 0.16  # inches of a line of a legend
 _WIDTHS_AND_SIZES = ((1.5, 5.0), (0.8, 3.4))  # points; of the lowest and the highest curve
 _MOST_CELLS, _MOST_ROWS = 12, 30  # of more columns and rows every n-th has a name
+_BOX = 0.92  # height over width of every panel, so that slopes compare
+_LOST, _EDGE = 0.06, 0.02  # shares of the panel for a row of lost runs, and around the rows
+_CORNER, _RAY, _LONGER = (0.64, 0.05), 0.18, 0.06  # of the fan, as shares of the panel
 DECADES = 60.0  # an axis that spans a smaller factor has ticks between the powers of 10
 
 
 @journal_style()
 def figure(
     panels: Sequence[Any],
-    painter: Painter | Sequence[Painter],
+    painter: Painter,
     *,
     columns: int = 1,
     height: float | Sequence[float] = 2.0,
@@ -47,8 +50,8 @@ def figure(
 ) -> Figure:
     """A figure of panels, row by row, one or two columns of a journal wide; None leaves a gap.
 
-    `painter` is one for all panels, or one for each row; `height` is in inches, of every row. The
-    legend has this `heading`. A colour `bar` of that name shows the numbers of curves.
+    `height` is in inches, of every row. The legend has this `heading`. A colour `bar` of that name
+    shows the numbers of curves.
     """
     placed = [*panels, *[None] * (-len(panels) % columns)]
     count = len(placed) // columns
@@ -64,8 +67,7 @@ def figure(
     colours = _colours([panel for *_, panel in used]) if bar else None
     for number, (place, axes, panel) in enumerate(used):
         row, column = divmod(place, columns)
-        paint = painter if callable(painter) else painter[row]
-        paint(axes, panel if colours is None else _coloured(panel, colours))
+        painter(axes, panel if colours is None else _coloured(panel, colours))
         letter = rf"$\mathbf{{{chr(97 + number % 26)}}}$  " if len(used) > 1 else ""
         axes.set_title(letter + panel.title)
         is_covered = sharex and place + columns < len(placed) and placed[place + columns]
@@ -173,6 +175,76 @@ def scale_log(axes: Axes) -> None:
             if high < DECADES * low:
                 axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0), numticks=12))
                 axis.set_major_formatter("{x:g}")
+
+
+def ladder(axes: Axes, panel: Panel) -> None:
+    """Marked lines over two logarithmic axes: every run is a marker on the line of its method."""
+    axes.set(xscale="log", yscale="log")
+    axes.set_box_aspect(_BOX)
+    axes.margins(0.05)
+    axes.grid(visible=True)
+    draw_curves(axes, panel.curves)
+    for curve in panel.curves:
+        axes.update_datalim([(h, np.nan) for h in curve.lost], updatey=False)
+    axes.autoscale_view()
+
+
+def finish_ladders(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
+    """Add what needs the final limits: the strips of lost runs and of the floor, and the fans."""
+    losers = list(dict.fromkeys(c.label for p in panels for c in p.curves if len(c.lost)))
+    share = _LOST * len(losers) + _EDGE if losers else 0.0
+    raised = {}
+    for one in axes:
+        low, high = np.log10(one.get_ylim())
+        raised[one] = (10**low, 10 ** (high + share / (1 - share) * (high - low)))
+    for one, panel in zip(axes, panels, strict=True):
+        one.set_ylim(raised[one])
+        scale_log(one)
+        if losers:
+            _draw_lost(one, panel.curves, losers, share)
+        bottom = raised[one][0]
+        if panel.floor > bottom:
+            one.axhspan(bottom, panel.floor, color=STRIP, zorder=0, linewidth=0)
+            words = one.text(0.985, panel.floor, "floor", transform=one.get_yaxis_transform())
+            words.set(color=GREY, fontsize=SMALL, ha="right", va="top")
+        _draw_fan(one, panel)
+
+
+def _draw_lost(axes: Axes, curves: Sequence[Curve], losers: Sequence[str], share: float) -> None:
+    """A strip on top with a hollow mark for every run that has no error, a line a method."""
+    low, high = np.log10(axes.get_ylim())
+    limit = 10 ** (high - share * (high - low))
+    strip = axes.fill_between([0, 1], 1 - share, 1, color=STRIP, transform=axes.transAxes)
+    strip.set(zorder=0, linewidth=0)
+    axes.yaxis.set_major_locator(FixedLocator([y for y in axes.get_yticks() if y < limit]))
+    axes.yaxis.set_minor_locator(NullLocator())
+    for curve, look in zip(curves, properties_of(curves), strict=True):
+        if len(curve.lost):
+            height = 1 - share * (losers.index(curve.label) + 0.5) / len(losers)
+            look |= {"linestyle": "none", "markerfacecolor": "none", "markeredgewidth": 0.9}
+            look["markeredgecolor"] = look["color"]
+            at = axes.get_xaxis_transform()
+            axes.plot(curve.lost, [height] * len(curve.lost), transform=at, **look)
+    words = axes.text(0.985, 1 - share / 2, "diverged", transform=axes.transAxes)
+    words.set(color=GREY, fontsize=SMALL, ha="right", va="center")
+
+
+def _draw_fan(axes: Axes, panel: Panel) -> None:
+    """Rays from one corner, where no converging curve is: how steep an order is in this panel."""
+    (left, right), (low, high) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
+    band = max(0.0, math.log10(panel.floor) - low) / (high - low) if panel.floor else 0.0
+    corner = np.array(_CORNER) - (0.08 * bool(panel.stated), -band)
+    rays = sorted([(order, "") for order in panel.orders] + [(p, "stated") for p in panel.stated])
+    for number, (order, source) in enumerate(rays):
+        ray = np.array([1 / (right - left), order * _BOX / (high - low)])
+        ray /= np.hypot(*ray)
+        end = corner + (_RAY + _LONGER * number) * ray / (1, _BOX)
+        (line,) = axes.plot(*zip(corner, end, strict=True), transform=axes.transAxes)
+        line.set(color=GREY, linewidth=0.8, zorder=1, linestyle="--" if source else "-")
+        words = "$h$" if order == 1 else f"$h^{{{fraction_in_words(order)}}}$"
+        note = axes.annotate(f"{words} {source}".rstrip(), tuple(end), tuple(2.5 * ray))
+        note.set(color=GREY, fontsize=SMALL, va="center", ha="left")
+        note.xycoords, note.anncoords = "axes fraction", "offset points"
 
 
 def waterfall(axes: Axes, panel: Panel) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -33,13 +32,9 @@ def save_figure(
 
     Raises
     ------
-    ValueError
-        For a name with other characters than letters, digits, ``-`` and ``_``.
     RequestError
         For an unknown format.
     """
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]*", name):
-        raise ValueError(f"name: {name!r} is not allowed; use letters, digits, - and _")
     directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for kind in formats:

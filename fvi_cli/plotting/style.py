@@ -106,36 +106,28 @@ def dots(colour: str, size: float) -> Look:
     return Look(colour=colour, marker="o", width=0, size=size)
 
 
-def method_names(methods: Sequence[AnyMethod]) -> dict[str, str]:
-    """Names by case: the family where no other of these methods is of the same, else the label."""
-    distinct = {method.case: method for method in methods}
-    counts = Counter(method.family for method in distinct.values())
-    return {
-        case: re.sub(r"t\^([\d.]+)", r"$t^{\1}$", method.label)
-        if counts[method.family] > 1
-        else method.family
-        for case, method in distinct.items()
-    }
+def method_words(methods: Sequence[AnyMethod]) -> dict[str, dict[str, Any]]:
+    """Label and look of the curve of every method by its case; looks are the same in every figure.
 
-
-def method_looks(methods: Sequence[AnyMethod]) -> dict[str, Look]:
-    """The look of every method by its case, the same in every figure.
-
-    Colour and marker belong to the family and its order or stages; methods that differ otherwise
-    have dashes. Where all methods are of one family, each has a colour of its own.
+    The label is the family where no other of these methods is of the same. Colour and marker belong
+    to the family and its order or stages; methods that differ otherwise have dashes. Where all
+    methods are of one family, each has a colour of its own.
     """
     distinct = {method.case: method for method in methods}
+    counts = Counter(method.family for method in distinct.values())
     seen: Counter[str] = Counter()
-    looks = {}
-    for case, method in distinct.items():
+    words = {}
+    for index, (case, method) in enumerate(distinct.items()):
         # greys are alike: baselines differ by their dashes
         is_grey = isinstance(method, Baseline)
         place = BASELINE_NAMES.index(case) if is_grey else seen[method.family]
-        looks[case] = replace(_look(method), dashes=_DASHES[place % len(_DASHES)])
         seen[method.family] += 1
-    if len(seen) == 1 < len(looks):
-        return {case: replace(cycled(k), marker=_MARKERS[k % 10]) for k, case in enumerate(looks)}
-    return looks
+        look = replace(_look(method), dashes=_DASHES[place % len(_DASHES)])
+        if len(counts) == 1 < len(distinct):
+            look = replace(cycled(index), marker=_MARKERS[index % 10])
+        label = re.sub(r"t\^([\d.]+)", r"$t^{\1}$", method.label)
+        words[case] = {"label": label if counts[method.family] > 1 else method.family, "look": look}
+    return words
 
 
 def _look(method: AnyMethod) -> Look:

@@ -6,7 +6,6 @@ import re
 import textwrap
 from fractions import Fraction
 
-from fvi_cli.integrator.observe.dampers import damper_values
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment
@@ -34,33 +33,9 @@ def letter(name: str) -> str:
     return f"{word}_{{{index}}}" if index else word
 
 
-def typeset_sum(words: str) -> str:
-    """``$x_{10}-x_{9}$`` for ``x10 - x9``; other texts are returned unchanged."""
-    if not re.fullmatch(r"[A-Za-z]\w*(\s*[-+]\s*[A-Za-z]\w*)*", words):
-        return words
-    formula = re.sub(r"[A-Za-z]\w*", lambda found: letter(found[0]), words.replace(" ", ""))
-    return f"${formula}$"
-
-
 def load_in_words(load: str) -> str:
-    """``ground acceleration``, or ``force on $x_{1}$`` for ``x1``."""
-    on_ground = load.split(" ")[0] == GROUND
-    return "ground acceleration" if on_ground else f"force on {typeset_sum(load)}"
-
-
-def quantity_in_words(experiment: Experiment, name: str) -> str:
-    """``base shear`` for ``base_shear``; ``drift of storey 1``; ``force of wall 3``."""
-    scene = experiment.problem.scene
-    kind, _, rest = name.partition("_")
-    words = rest.replace("_", " ")
-    storey, has_name = re.fullmatch(r"(\w+)_(\d+)", name), name in experiment.observations.ready
-    if storey and has_name and experiment.problem.kind == "frame":
-        return f"{storey[1].replace('_', ' ')} of storey {storey[2]}"
-    # a quantity of the user's own may begin in the same way, e.g. force_max
-    if not words or scene is None or name not in damper_values(scene):
-        return name.replace("_", " ")
-    what = "work on" if kind == "work" else f"{kind} of"
-    return f"{what} {'damper ' if words[0].isdecimal() else ''}{words}"
+    """``ground acceleration``, or ``force on x1`` for ``x1``."""
+    return "ground acceleration" if load.split(" ")[0] == GROUND else f"force on {load}"
 
 
 def wrap(words: str, letters: float) -> str:

@@ -18,7 +18,7 @@ from fvi_cli import plotting
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.method import Method
 from fvi_cli.plotting.kinds.motions import drawn_motion, drawn_times, drawn_velocity
-from fvi_cli.plotting.style import method_looks
+from fvi_cli.plotting.style import method_words
 
 UNITS = "units: {time: ms, length: mm, force: kN%s}\n"
 OSCILLATOR = (
@@ -149,9 +149,10 @@ def test_methods_look_different_and_each_the_same_everywhere():
         *(Method(cq=f"bdf{p}", degree=s) for p in range(1, 7) for s in (1, 2)),
         *(Method(cq="gauss", degree=s) for s in range(1, 5)),
     ]
-    looks = method_looks(methods)
+    looks = {case: words["look"] for case, words in method_words(methods).items()}
     assert len({(one.colour, one.marker, str(one.dashes)) for one in looks.values()}) == 16
-    assert method_looks([methods[-1], methods[0]])[methods[-1].case] == looks[methods[-1].case]
+    case = methods[-1].case
+    assert method_words([methods[-1], methods[0]])[case]["look"] == looks[case]
 
 
 BALL = {
@@ -215,7 +216,7 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move():
 
 def test_a_waterfall_lifts_every_line_by_one_factor():
     outcome = run_of(SCENES["building"])
-    above, below = outcome.plot("waterfall").axes
+    (above,) = outcome.plot("waterfall").axes
     position = outcome.finished[0].trajectory.position
     moved = [line for line in above.lines if len(line.get_xdata()) > 2]
     lifted = {round(line.get_ydata()[0]): line.get_ydata() for line in moved}
@@ -224,8 +225,6 @@ def test_a_waterfall_lifts_every_line_by_one_factor():
     ]
     assert len(lifted) == 2
     assert all(np.ptp(one) < 1e-6 * one.mean() for one in factors)
-    (ground,) = (line for line in below.lines if len(line.get_xdata()) > 2)
-    np.testing.assert_allclose(ground.get_ydata(), np.sin(3 * ground.get_xdata()), atol=1e-12)
 
 
 def test_the_largest_peak_of_a_panel_has_its_number():
@@ -297,8 +296,6 @@ def test_files_are_complete_and_the_same_every_time(tmp_path):
         assert first == second
     with pytest.raises(RequestError, match="format"):
         plotting.save_figure(figure, tmp_path, "made", ("docx",))
-    with pytest.raises(ValueError, match="name"):
-        plotting.save_figure(figure, tmp_path, "../made")
 
 
 def test_any_style_of_matplotlib_may_be_used():

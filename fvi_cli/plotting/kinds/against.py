@@ -17,7 +17,7 @@ from fvi_cli.plotting.kinds.planes import occurrences_of
 from fvi_cli.plotting.kinds.runs import distinguish, members_apart
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
 from fvi_cli.plotting.style import cycled, dots
-from fvi_cli.plotting.words import coordinates_of, position_label, quantity_in_words, time_label
+from fvi_cli.plotting.words import coordinates_of, position_label, time_label
 from fvi_cli.reports.kinds.ensembles import ensembles
 from fvi_cli.reports.naming import key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
@@ -36,24 +36,23 @@ def against_figure(
     The other swept keys, and the designs, distinguish curves.
     """
     key, (which, quantity) = settings.against or "", settings.extent
-    found = distinguish(experiment.members, experiment.units, without=(key,))
+    groups = members_apart(finest_of_members(finished), without=(key,))
+    members = [own[0].run.member for own in groups]
+    words, titles = distinguish(members, experiment.units, without=(key,))
     curves = []
-    for index, own in enumerate(members_apart(finest_of_members(finished), without=(key,))):
-        words, look = {"look": cycled(index), **found.of(own[0].run.member)}, cycled(index)
-        if which:
-            x, y = _extents(own, key, which, quantity)
-        else:
-            x, y = _places(own, key, settings)
-            words["look"] = dots(look.colour, 1.9 if x.size > 500 else 3.0)
-        curves.append(Curve(x=x, y=y, **words))
+    for index, own in enumerate(groups):
+        x, y = _extents(own, key, which, quantity) if which else _places(own, key, settings)
+        dot = dots(cycled(index).colour, 1.9 if x.size > 500 else 3.0)
+        look = cycled(index) if which else dot
+        curves.append(Curve(x=x, y=y, **{"look": look, **words[index]}))
     swept = np.concatenate([curve.x for curve in curves])
     if not swept.size:
         when = f" after t = {settings.after:g}" if settings.after else ""
         raise NothingToDraw(f"the event {settings.plot} did not happen{when}")
     y_label = position_label(experiment, coordinates_of(experiment)[0])
     if which:
-        name = quantity_in_words(experiment, quantity)
-        y_label = with_unit(_WORDS[which].format(name), experiment.units, quantity)
+        words_of = _WORDS[which].format(quantity.replace("_", " "))
+        y_label = with_unit(words_of, experiment.units, quantity)
     panel = Panel(
         curves=curves,
         x=key_label(key, experiment.units, experiment.members[0].specification, experiment.swept),
@@ -62,7 +61,7 @@ def against_figure(
         log="x" * bool(which and swept.max() >= DECADES * swept.min() > 0),
         ylim=(0.0, None) if which in ("peak", "rms") else None,
     )
-    return figure([panel], lines, height=2.4, **(found.titles if len(curves) > 1 else {}))
+    return figure([panel], lines, height=2.4, **(titles if len(curves) > 1 else {}))
 
 
 def _swept(one: FinishedRun, key: str) -> float:
@@ -98,13 +97,15 @@ def spectrum_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> 
             "it is drawn of a sweep over stiffness or mass; write "
             "sweep: {problem.stiffness: {from: 1, to: 100, number: 30, spacing: log}}"
         )
-    found = distinguish(experiment.members, experiment.units, without=_OF_PERIOD)
     moving = [one for one in finest_of_members(finished) if one.trajectory.time.size > 1]
+    groups = members_apart(moving, without=_OF_PERIOD)
+    members = [own[0].run.member for own in groups]
+    words, titles = distinguish(members, experiment.units, without=_OF_PERIOD)
     upper = []
-    for own in members_apart(moving, without=_OF_PERIOD):
+    for own, known in zip(groups, words, strict=True):
         pairs = sorted((_period(one), np.abs(one.trajectory.position).max()) for one in own)
         period, largest = np.array(pairs).T
-        upper.append(Curve(x=period, y=largest, **found.of(own[0].run.member)))
+        upper.append(Curve(x=period, y=largest, **known))
     lower = [replace(one, y=(2 * math.pi / one.x) ** 2 * one.y) for one in upper]
     units = experiment.units
     rows = {
@@ -115,7 +116,7 @@ def spectrum_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> 
     panels = [
         Panel(curves=curves, x=x, y=y, log="x", ylim=(0.0, None)) for y, curves in rows.items()
     ]
-    return figure(panels, lines, height=1.9, sharex=True, **found.titles)
+    return figure(panels, lines, height=1.9, sharex=True, **titles)
 
 
 def _period(one: FinishedRun) -> float:
@@ -123,10 +124,7 @@ def _period(one: FinishedRun) -> float:
     scene = build_scene(one.run.problem_specification)
     if scene.dimension != 1 or not isinstance(scene.potential, QuadraticPotential):
         raise NothingToDraw("every member must be a linear oscillator of one degree of freedom")
-    square = float(scene.potential.stiffness[0, 0]) / float(scene.inertia.mass[0, 0])
-    if not square > 0:
-        raise NothingToDraw("every member needs a positive stiffness")
-    return 2.0 * math.pi / math.sqrt(square)
+    return 2.0 * math.pi * math.sqrt(scene.inertia.mass[0, 0] / scene.potential.stiffness[0, 0])
 
 
 def ensemble_figure(

@@ -10,11 +10,10 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from fvi_cli.plotting.draw import figure
+from fvi_cli.plotting.draw import figure, finish_ladders, ladder
 from fvi_cli.plotting.kinds.runs import by_degree, distinguish, mean_of, members_apart
-from fvi_cli.plotting.ladders import finish_ladders, ladder
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import method_looks, method_names
+from fvi_cli.plotting.style import method_words
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import DerivativeProblem, Problem
@@ -39,12 +38,7 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     """
     title = _title if len(studies) == 1 else operator.attrgetter("name")
     panels = [
-        Panel(
-            curves=error_curves(own, names=method_names([one.run.method for one in own])),
-            title=", ".join(filter(None, [title(experiment), degree])),
-            **_axes(experiment),
-            **explained(own),
-        )
+        _ladder(experiment, own, title=", ".join(filter(None, [title(experiment), degree])))
         for experiment, finished in studies
         for degree, own in by_degree(finished).items()
     ]
@@ -52,70 +46,66 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
 
 
 def has_errors(finished: Sequence[FinishedRun]) -> bool:
-    """Whether a run has an error, or was lost."""
-    return any(math.isfinite(one.error) or one.status != "ok" for one in finished)
+    """Whether a run has an error above 0, or was lost."""
+    return any(one.error > 0 or one.status not in ("ok", "floor") for one in finished)
 
 
 def sweep_convergence_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the errors of members against the step size, one panel for each method."""
-    having = [one for one in finished if is_measured(one) and one.error > 0]
-    if not having:
+    if not any(is_measured(one) and one.error > 0 for one in finished):
         raise NothingToDraw("no error is known; write exact: 1 - cos(t), or a ladder")
-    found, panels = distinguish(experiment.members, experiment.units), []
-    for case, title in method_names([one.run.method for one in having]).items():
-        own = sorted(
-            (one for one in having if one.run.method.case == case),
-            key=lambda one: one.run.step_size,
-        )
-        curves = [
-            Curve(
-                x=np.array([one.run.step_size for one in rows]),
-                y=np.array([one.error for one in rows]),
-                **found.of(rows[0].run.member),
-            )
-            for rows in members_apart(own)
-        ]
+    panels = []
+    for case, method in method_words([one.run.method for one in finished]).items():
+        own = [one for one in finished if one.run.method.case == case]
+        groups = members_apart(own)
+        words, titles = distinguish([rows[0].run.member for rows in groups], experiment.units)
+        curves = list(map(_curve, groups, words))
         curves += mean_of(curves)
-        orders = explained(own)["orders"]
-        panels.append(Panel(title=title, curves=curves, orders=orders, **_axes(experiment)))
-    return _ladders(panels, sharey=True, **found.titles)
+        panels.append(_ladder(experiment, own, title=method["label"], curves=curves))
+    return _ladders(panels, sharey=True, **titles)
+
+
+def _ladder(experiment: Experiment, finished: Sequence[FinishedRun], **options: Any) -> Panel:
+    """A panel of errors over step sizes, with slopes and floor; by default of every method."""
+    usual = {
+        "curves": error_curves(finished),
+        "x": step_label(experiment),
+        "y": _error_label(experiment),
+        **explained(finished),
+    }
+    return Panel(**usual | options)
 
 
 def _ladders(panels: Sequence[Panel], *, sharey: bool, **titles: Any) -> Figure:
     """A figure of ladders: one in a column, several in rows of two or three."""
     columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
+    height = 2.9 if columns < 3 else 2.2
     return figure(
         panels,
         ladder,
         columns=columns,
-        height=2.9 if columns < 3 else 2.2,
+        height=height,
         sharey=sharey,
         finish=finish_ladders,
         **titles,
     )
 
 
-def error_curves(finished: Sequence[FinishedRun], names: Mapping[str, str]) -> list[Curve]:
-    """Errors by method over the step size; lines are broken where a run has none.
-
-    An error of exactly zero is drawn below the floor.
-    """
-    by_case: dict[str, list[FinishedRun]] = {}
-    for item in sorted(finished, key=lambda item: item.run.step_size):
-        by_case.setdefault(item.run.method.case, []).append(item)
-    looks = method_looks([item.run.method for item in finished])
+def error_curves(finished: Sequence[FinishedRun]) -> list[Curve]:
+    """Errors by method over the step size."""
+    words = method_words([one.run.method for one in finished])
     return [
-        Curve(
-            x=np.array([one.run.step_size for one in rows]),
-            y=np.array(
-                [max(one.error, one.floor / 100) if is_measured(one) else np.nan for one in rows]
-            ),
-            label=names[case],
-            look=looks[case],
-            lost=[one.run.step_size for one in rows if not is_measured(one)],
-        )
-        for case, rows in by_case.items()
+        _curve([one for one in finished if one.run.method.case == case], own)
+        for case, own in words.items()
     ]
+
+
+def _curve(finished: Sequence[FinishedRun], words: Mapping[str, Any]) -> Curve:
+    """Errors over step sizes, broken where a run has none; one of 0 is below the floor."""
+    rows = sorted(finished, key=lambda one: one.run.step_size)
+    errors = [max(one.error, one.floor / 100) if is_measured(one) else np.nan for one in rows]
+    sizes = np.array([one.run.step_size for one in rows])
+    return Curve(x=sizes, y=np.array(errors), lost=sizes[np.isnan(errors)].tolist(), **words)
 
 
 def is_measured(one: FinishedRun) -> bool:
@@ -136,10 +126,6 @@ def explained(finished: Sequence[FinishedRun]) -> dict[str, Any]:
         "stated": sorted(claims - orders),
         "floor": max(floors, default=0.0),
     }
-
-
-def _axes(experiment: Experiment) -> dict[str, Any]:
-    return {"x": step_label(experiment), "y": _error_label(experiment)}
 
 
 def step_label(experiment: Experiment) -> str:
@@ -174,18 +160,13 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
     the grid and :math:`\min(p, b+1)` at a fixed time (Lubich, *Discretized fractional calculus*,
     1986). There is a column for every b.
     """
-    names = method_names([one.run.method for _, finished in studies for one in finished])
     found: dict[Norm, dict[float, tuple[Experiment, list[FinishedRun]]]] = {}
     for experiment, finished in studies:
         row = found.setdefault(experiment.norm, {})
         row.setdefault(_exponent(experiment), (experiment, []))[1].extend(finished)
     columns = sorted({b for row in found.values() for b in row})
     return figure(
-        [
-            _saturation(*row[b], b, names) if b in row else None
-            for row in found.values()
-            for b in columns
-        ],
+        [_saturation(*row[b], b) if b in row else None for row in found.values() for b in columns],
         ladder,
         columns=len(columns),
         height=1.68 if len(columns) > 2 else 2.6,
@@ -194,22 +175,19 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
     )
 
 
-def _saturation(
-    experiment: Experiment, rows: Sequence[FinishedRun], b: float, names: Mapping[str, str]
-) -> Panel:
+def _saturation(experiment: Experiment, rows: Sequence[FinishedRun], b: float) -> Panel:
     """The ladders of one exponent in one norm, with the slope of the highest order."""
     problem = experiment.problem
     order = problem.order if isinstance(problem, DerivativeProblem) else math.nan
     limit = {"max": b - order, "l2": b - order + 0.5, "final": b + 1.0}[experiment.norm]
     where = {"max": "largest", "l2": "mean square", "final": f"at $t={problem.final_time:g}$"}
     power = f"^{{{fraction_in_words(order)}}}"
-    return Panel(
-        curves=error_curves(rows, names),
+    return _ladder(
+        experiment,
+        rows,
         title=f"{where[experiment.norm]}, $b={b:g}$",
-        x=step_label(experiment),
         y=f"$|D_h{power}f-D{power}f|$",
         orders=[min(limit, max(one.run.method.order for one in rows))],
-        floor=explained(rows)["floor"],
     )
 
 
@@ -244,12 +222,10 @@ def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
 
 def _cost_curves(table: CostTable, cost: Callable[[CostRow], float]) -> list[Curve]:
     """The runs of every method as points of error and cost; an error of 0 is below the floor."""
-    methods = [row.run.method for row in table.rows]
-    looks, names, curves = method_looks(methods), method_names(methods), []
-    for case in looks:
+    curves = []
+    for case, words in method_words([row.run.method for row in table.rows]).items():
         rows = [r for r in table.rows if r.run.method.case == case and r.is_usable and cost(r) > 0]
         if rows:
-            errors = np.array([max(r.error, r.floor / 100) for r in rows])
-            costs = np.array([float(cost(r)) for r in rows])
-            curves.append(Curve(x=errors, y=costs, label=names[case], look=looks[case]))
+            x, y = np.array([(max(r.error, r.floor / 100), cost(r)) for r in rows]).T
+            curves.append(Curve(x=x, y=y, **words))
     return curves

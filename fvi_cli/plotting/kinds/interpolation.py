@@ -48,12 +48,13 @@ def interpolation_figure() -> Figure:
         look = Look(colour=colour, marker=marker, width=0, size=5.0)
         curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look))
 
-    def dress(axes: object, panels: object) -> None:
-        _dress(axes[0], places, at_points)  # type: ignore[index]
-        _name_points(axes[0], nodes, control, values[1])  # type: ignore[index]
+    def sketch(axes: Axes, panel: Panel) -> None:
+        lines(axes, panel)
+        _dress(axes, places, at_points)
+        _name_points(axes, nodes, control, values[1])
 
     panel = Panel(curves=curves, xlim=(-0.2, _N_STEPS + 0.2), ylim=(0.0, _HIGHEST))
-    return figure([panel], lines, height=2.5, finish=dress)
+    return figure([panel], sketch, height=2.5)
 
 
 def _motion(time: Array) -> Array:

@@ -21,7 +21,6 @@ from fvi_cli.plotting.words import (
     coordinates_of,
     number_in_words,
     position_label,
-    quantity_in_words,
     time_label,
 )
 from fvi_cli.reports.naming import with_unit
@@ -119,15 +118,10 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     shown, exact = select(experiment, finished), experiment.problem.exact
     dimension = shown.best.trajectory.position.shape[1]
     names = coordinates_of(experiment, dimension)[:MOST_COMPONENTS]
-
-    def motion(index: int) -> Motion:
-        def of(item: FinishedRun) -> tuple[Array, Array]:
-            times, position = drawn_motion(item)
-            return times, position[:, index]
-
-        return of
-
-    motions = {position_label(experiment, name): motion(k) for k, name in enumerate(names)}
+    motions = {
+        position_label(experiment, name): functools.partial(_coordinate, index=index)
+        for index, name in enumerate(names)
+    }
     panels = over_time(experiment, shown, motions)
     if exact is not None and not experiment.members:
         times = np.linspace(0.0, experiment.problem.final_time, LEAST_POINTS + 1)
@@ -142,6 +136,11 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     return figure_over_time(panels, shown)
 
 
+def _coordinate(item: FinishedRun, index: int) -> tuple[Array, Array]:
+    times, position = drawn_motion(item)
+    return times, position[:, index]
+
+
 def _error(item: FinishedRun) -> Array:
     """Position minus the exact one."""
     exact, trajectory = item.run.problem.exact, item.trajectory
@@ -152,11 +151,7 @@ def _error(item: FinishedRun) -> Array:
 
 def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the Hamiltonian without forcing; below the relative difference to the exact one."""
-
-    def has_energy(item: FinishedRun) -> bool:
-        return item.trajectory.energy is not None
-
-    shown = select(experiment, finished, has_energy, NO_MOMENTUM)
+    shown = select(experiment, finished, lambda one: one.trajectory.energy is not None, NO_MOMENTUM)
     label = with_unit("energy $H$", experiment.units, "energy")
     panels = over_time(experiment, shown, {label: _energy})
     true = None if experiment.members else _exact_energy(experiment)
@@ -258,57 +253,48 @@ def _exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
 
 
 def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the quantities over time.
+    """Draw the quantities over time, without a sweep with the largest peak of every panel.
 
-    Peaks have their numbers. Of one run, those of one kind (drift_1, drift_3) share a panel.
+    Of one run, those of one kind (drift_1, drift_3) share a panel.
     """
     shown = select(experiment, finished, lambda one: observed_of(one).quantities, NO_QUANTITIES)
-    names = list(observed_of(shown.best).quantities)
-    if len(shown.runs) == 1:
-        panels = _grouped(experiment, shown.best, names)[:_MOST_PANELS]
-    else:
-        motions = {quantity_label(experiment, one): _values_of(one) for one in names[:_MOST_PANELS]}
-        panels = over_time(experiment, shown, motions)
-        if not experiment.members and len(shown.columns) == 1:
-            for place, (panel, name) in enumerate(zip(panels, names, strict=False)):
-                last = replace(panel.curves[-1], marks=_peak(shown.runs[-1], name))
-                panels[place] = replace(panel, curves=[*panel.curves[:-1], last])
-    return figure_over_time([replace(one, levels=[0.0]) for one in panels], shown)
-
-
-def _grouped(experiment: Experiment, item: FinishedRun, names: Sequence[str]) -> list[Panel]:
-    """Panels of the quantities of one run, those of one kind together, with the largest peak."""
     groups: dict[str, list[str]] = {}
-    stems = {name: re.sub(r"_\d+$", "", name) for name in names}
+    stems = {name: re.sub(r"_\d+$", "", name) for name in observed_of(shown.best).quantities}
     for name, stem in stems.items():
-        together = stem != name and list(stems.values()).count(stem) > 1
-        label = quantity_label(experiment, name, stem if together else "")
+        together = len(shown.runs) == 1 and list(stems.values()).count(stem) > 1
+        label = quantity_label(experiment, name, stem if together else name)
         groups.setdefault(label, []).append(name)
-    panels, extents = [], observed_of(item).extents
-    for label, own in groups.items():
-        largest, curves = max(own, key=lambda name: extents[name].peak), []
-        for k, name in enumerate(own):
-            x, y = _values_of(name)(item)
-            marks = _peak(item, name) if name == largest else ()
-            look = cycled(k) if len(own) > 1 else BLACK
-            words = name.replace("_", " ") if len(own) > 1 else ""
-            curves.append(Curve(x=x, y=y, label=words, look=look, marks=marks))
-        panels.append(Panel(curves=curves, x=time_label(experiment), y=label))
-    return panels
+    panels = []
+    for label, names in list(groups.items())[:_MOST_PANELS]:
+        for runs in shown.columns.values():
+            curves = [one for name in names for one in shown.curves(_values_of(name), runs)]
+            if len(shown.runs) == 1:
+                words = [name.replace("_", " ") if len(names) > 1 else "" for name in names]
+                looks = [cycled(k) if len(names) > 1 else BLACK for k in range(len(names))]
+                curves = [
+                    replace(one, label=word, look=look)
+                    for one, word, look in zip(curves, words, looks, strict=True)
+                ]
+            if not experiment.members:
+                peaks = [_peak(item, name) for name in names for item in runs]
+                place = max(range(len(peaks)), key=lambda k: abs(peaks[k][1]))
+                curves[place] = replace(curves[place], marks=[peaks[place]])
+            x = time_label(experiment)
+            panels.append(Panel(curves=curves, x=x, y=label, levels=[0.0]))
+    return figure_over_time(panels, shown)
 
 
-def _peak(item: FinishedRun, name: str) -> list[tuple[float, float, str]]:
-    """The peak of a quantity with its number; none of a quantity that is 0."""
+def _peak(item: FinishedRun, name: str) -> tuple[float, float, str]:
+    """The peak of a quantity with its number."""
     one = observed_of(item).extents[name]
     height = one.greatest if one.greatest == one.peak else one.least
-    return [(one.peak_time, height, number_in_words(height))] if one.peak > 0 else []
+    return one.peak_time, height, number_in_words(height)
 
 
-def quantity_label(experiment: Experiment, name: str, stem: str = "") -> str:
-    """The label of an axis of a quantity, or of those that begin with `stem`."""
+def quantity_label(experiment: Experiment, name: str, words: str = "") -> str:
+    """The label of an axis of a quantity."""
     kinds = (name, "force") if name in forces_of(experiment) else (name,)
-    words = stem.replace("_", " ") if stem else quantity_in_words(experiment, name)
-    return with_unit(words, experiment.units, *kinds)
+    return with_unit((words or name).replace("_", " "), experiment.units, *kinds)
 
 
 def _values_of(name: str) -> Motion:

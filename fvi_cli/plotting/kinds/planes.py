@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -24,10 +25,9 @@ from fvi_cli.plotting.kinds.motions import (
 )
 from fvi_cli.plotting.kinds.runs import Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import BLACK, COLOURS, GREY, INK, Look, cycled, dots
+from fvi_cli.plotting.style import COLOURS, INK, Look, cycled, dots
 from fvi_cli.plotting.words import coordinates_of, position_label, time_label, velocity_label
 from fvi_cli.reports.naming import with_unit
-from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
 
@@ -46,11 +46,12 @@ def _planes(panels: Sequence[Panel], **titles: Any) -> Figure:
 
 def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw velocity against position of every run, a panel for every component (up to 4)."""
-
-    def has_velocity(one: FinishedRun) -> bool:
-        return one.trajectory.steps is not None or one.trajectory.momentum is not None
-
-    shown = select(experiment, finished, has_velocity, NO_MOMENTUM)
+    shown = select(
+        experiment,
+        finished,
+        lambda one: one.trajectory.steps or one.trajectory.momentum is not None,
+        NO_MOMENTUM,
+    )
     motions = {one: (drawn_motion(one)[1], drawn_velocity(one)) for one in shown.runs}
     dimension = shown.best.trajectory.position.shape[1]
     panels = [
@@ -97,20 +98,15 @@ def _paths(
 
 
 def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
-    """Paths of both masses of a double pendulum, with its rods at the start and at the end."""
+    """Paths of both masses of a double pendulum."""
     lengths = np.array(experiment.problem_specification.get("lengths", (1.0, 1.0)), dtype=float)
     x = np.cumsum(lengths * np.sin(angles), axis=1)
     y = np.cumsum(-lengths * np.cos(angles), axis=1)
     looks = (Look(colour=COLOURS[1], width=1.4), Look(colour=COLOURS[0], width=0.9))
-    curves = [
+    return [
         Curve(x=x[:, k], y=y[:, k], label=label, look=looks[k])
         for k, label in enumerate(("first mass", "second mass"))
     ]
-    for when, label, colour in ((0, "start", GREY), (-1, "end", INK)):
-        look = Look(colour=colour, marker="o", width=1.6)
-        rods = (np.append(0.0, one[when]) for one in (x, y))
-        curves.append(Curve(x=next(rods), y=next(rods), label=label, look=look))
-    return curves
 
 
 def occurrences_of(
@@ -144,17 +140,19 @@ def section_figure(
         for event, one in occurrences_of(item, name, after).items()
     ]
     size = 1.9 if sum(one.time.size for one, *_ in points) > _MANY else 3.4
-    is_alone = len(shown.runs) == 1
+    is_plain = len(shown.runs) == 1
     panels = []
     for k, coordinate in enumerate(coordinates_of(experiment)[:MOST_COMPONENTS]):
-        curves = []
-        for number, (one, event, words) in enumerate(points):
-            own = {key: value for key, value in words.items() if key != "look"}
-            if "label" in own:
-                own["label"] = event if is_alone else f"{event}, {own['label']}"
-            colour = COLOURS[0] if "look" in words and experiment.members else cycled(number).colour
-            look = dots(colour, size)
-            curves.append(Curve(x=one.position[:, k], y=one.velocity[:, k], look=look, **own))
+        curves = [
+            Curve(
+                x=one.position[:, k],
+                y=one.velocity[:, k],
+                look=dots(cycled(number).colour, size),
+                label=event if is_plain else f"{event}, {words.get('label', '')}",
+                by=words.get("by", math.nan),
+            )
+            for number, (one, event, words) in enumerate(points)
+        ]
         x, y = position_label(experiment, coordinate), velocity_label(experiment, coordinate)
         panels.append(Panel(curves=curves, x=x, y=y))
     if "bar" not in shown.titles:
@@ -201,28 +199,19 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
     """Draw the most accurate run as lines one above the other.
 
     For chains, frames and structures a line over time for every coordinate (up to 24), at its
-    number; for a string its shapes, at their times. Below a shaken frame is the motion of its
-    ground.
+    number; for a string its shapes, at their times.
     """
-    problem, units = experiment.problem, experiment.units
-    if problem.kind not in _WATERFALLS:
+    kind, unit = experiment.problem.kind, experiment.units.get("length", "")
+    if kind not in _WATERFALLS:
         raise NothingToDraw(f"it is made for {', '.join(_WATERFALLS)}")
     time, position = drawn_motion(select(experiment, finished).best)
-    if problem.kind == "string":
+    if kind == "string":
         return figure([_string(experiment, time, position)], waterfall, height=3.4)
-    count, x = position.shape[1], time_label(experiment)
+    count = position.shape[1]
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
     curves = [Curve(x=time, y=position[:, k], by=float(k + 1)) for k in drawn]
-    lifted = Panel(curves=curves, x=x, y=_WATERFALLS[problem.kind], unit=units.get("length", ""))
-    scene = problem.scene if isinstance(problem, Problem) else None
-    is_shaken = "ground_acceleration" in experiment.problem_specification
-    if not is_shaken or scene is None or scene.forcing is None:
-        return figure([lifted], waterfall, height=3.4)
-    # the force on the first storey is its mass times the acceleration of the ground
-    ground = -scene.forcing(time)[:, 0] / scene.inertia.mass[0, 0]
-    y = with_unit("ground acceleration", units, "acceleration")
-    shaken = Panel(curves=[Curve(x=time, y=ground, look=BLACK)], x=x, y=y, levels=[0.0])
-    return figure([lifted, shaken], [waterfall, lines], height=(3.2, 1.0), sharex=True)
+    panel = Panel(curves=curves, x=time_label(experiment), y=_WATERFALLS[kind], unit=unit)
+    return figure([panel], waterfall, height=3.4)
 
 
 def _string(experiment: Experiment, time: Array, position: Array) -> Panel:

@@ -13,7 +13,7 @@ import numpy as np
 from fvi_cli.integrator.method import AnyMethod, Baseline
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.panels import Curve, NothingToDraw
-from fvi_cli.plotting.style import COLOURS, Look, method_looks, method_names
+from fvi_cli.plotting.style import COLOURS, Look, method_words
 from fvi_cli.reports.naming import key_label
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
 from fvi_cli.studies.members import Member, value_in_words
@@ -25,43 +25,33 @@ _MEAN = Look(colour=COLOURS[0], width=1.6)
 _PALE = {"label": "members", "look": Look(colour="#8fb8d4", width=0.4)}
 
 
-@dataclass(frozen=True, kw_only=True)
-class Distinction:
-    """How curves of members are distinguished: by names, by the colours of numbers, or not."""
-
-    words: Mapping[int, dict[str, Any]]  # label or number of a curve, by number of the member
-    titles: Mapping[str, Any]  # heading of the legend, or name of the colour bar
-
-    def of(self, member: Member | None) -> dict[str, Any]:
-        """Label, number or look of the curve of a member."""
-        return {} if member is None else self.words[member.number]
-
-
 def distinguish(
-    members: Sequence[Member], units: Mapping[str, str], *, without: Collection[str] = ()
-) -> Distinction:
-    """Up to six members have names, more have colours by their swept number, if there is one.
+    members: Sequence[Member | None], units: Mapping[str, str], *, without: Collection[str] = ()
+) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    """Label, number or look of a curve for each member, and the titles of their figure.
 
-    Their values of the keys `without` are shown otherwise.
+    Up to six have names and their legend a heading; more have colours by their swept number, with
+    the name of the colour bar, if there is such a number, else they look alike. Their values of the
+    keys `without` are shown otherwise.
     """
-    first = members[0]
+    found = [one for one in members if one is not None]
+    if not found or len(found) < len(members):
+        return [{} for _ in members], {}
+    first = found[0]
     keys = [key for key in first.unnamed if key not in without]
-    values = {one.number: [one.values[key] for key in keys] for one in members}
-    names = {
-        one.number: ", ".join(filter(None, [one.name, *map(value_in_words, values[one.number])]))
-        for one in members
-    }
+    values = [[one.values[key] for key in keys] for one in found]
+    names = [
+        ", ".join(filter(None, [one.name, *map(value_in_words, own)]))
+        for one, own in zip(found, values, strict=True)
+    ]
     labels = ["design"] * bool(first.name)
     labels += [key_label(key, units, first.specification, tuple(first.values)) for key in keys]
     heading = ", ".join(labels)
-    if len(set(names.values())) <= _MOST_NAMED:
-        words = {number: {"label": name} for number, name in names.items()}
-        return Distinction(words=words, titles={"heading": heading})
-    if len(labels) == 1 and all(isinstance(own[0], int | float) for own in values.values()):
-        numbers = {number: {"by": float(own[0])} for number, own in values.items()}
-        return Distinction(words=numbers, titles={"bar": heading})
-    title = f"{len(members)} members: {heading}"
-    return Distinction(words=dict.fromkeys(values, _PALE), titles={"heading": title})
+    if len(set(names)) <= _MOST_NAMED or not keys:
+        return [{"label": name} for name in names], {"heading": heading}
+    if len(labels) == 1 and all(isinstance(own[0], int | float) for own in values):
+        return [{"by": float(own[0])} for own in values], {"bar": heading}
+    return [_PALE] * len(found), {"heading": f"{len(found)} members: {heading}"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -134,40 +124,36 @@ def select(
     counts = Counter(one.run.n_steps for one in able)
     n_steps = max(counts, key=lambda n: (counts[n], n))
     shown = [one for one in able if one.run.n_steps == n_steps]
-    methods = [one.run.method for one in shown]
-    looks, names = method_looks(methods), method_names(methods)
-    words = {
-        one: {"label": names[case], "look": replace(looks[case], marker="")}
-        for one, case in zip(shown, (method.case for method in methods), strict=True)
-    }
+    words = method_words([one.run.method for one in shown])
+    for known in words.values():
+        known["look"] = replace(known["look"], marker="")
     step = f"$h={shown[0].run.step_size:.4g}$ {experiment.units.get('time', '')}".rstrip()
     is_equal = experiment.grading == 1.0 and experiment.accuracy is None
     columns = {
         ", ".join(filter(None, [degree, step * is_equal])): own
         for degree, own in by_degree(shown).items()
     }
-    return Shown(columns=columns, words=words, titles={})
+    own = {one: words[one.run.method.case] for one in shown}
+    return Shown(columns=columns, words=own, titles={})
 
 
 def _members(experiment: Experiment, shown: Sequence[FinishedRun]) -> Shown:
-    members, units = experiment.members, experiment.units
-    keys = {
-        key: dict.fromkeys(value_in_words(one.values[key]) for one in members)
-        for key in members[0].unnamed
+    """Members, with a column for every value of the key that has fewest of several."""
+    units, first = experiment.units, experiment.members[0]
+    counts = {
+        key: len({value_in_words(one.values[key]) for one in experiment.members})
+        for key in first.unnamed
     }
-    few = [key for key, values in keys.items() if 1 < len(values) <= _MOST_PANELS]
-    is_split = len(keys) > 1 and len(members) > _MOST_NAMED and bool(few)
-    key = min(few, key=lambda one: len(keys[one])) if is_split else ""
-    found = distinguish(members, units, without=(key,))
-    words = {one: found.of(one.run.member) for one in shown}
+    is_many = len(counts) > 1 and len(experiment.members) > _MOST_NAMED
+    key = min(counts, key=lambda one: counts[one]) if is_many else ""
+    key = key if 1 < counts.get(key, 0) <= _MOST_PANELS else ""
+    label = key and f"{key_label(key, units, first.specification, experiment.swept)} = "
     columns: dict[str, list[FinishedRun]] = {}
     for one in shown:
-        title = ""
-        if key and one.run.member is not None:
-            label = key_label(key, units, members[0].specification, experiment.swept)
-            title = f"{label} = {value_in_words(one.run.member.values[key])}"
-        columns.setdefault(title, []).append(one)
-    return Shown(columns=columns, words=words, titles=found.titles)
+        values = {} if one.run.member is None else one.run.member.values
+        columns.setdefault(label and label + value_in_words(values[key]), []).append(one)
+    words, titles = distinguish([one.run.member for one in shown], units, without=(key,))
+    return Shown(columns=columns, words=dict(zip(shown, words, strict=True)), titles=titles)
 
 
 def members_apart(

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -14,7 +14,7 @@ from fvi_cli.plotting.draw import figure, lines
 from fvi_cli.plotting.kinds.runs import distinguish
 from fvi_cli.plotting.panels import Curve, Panel
 from fvi_cli.plotting.style import INK, Look, cycled, dots
-from fvi_cli.plotting.words import load_in_words, typeset_sum
+from fvi_cli.plotting.words import load_in_words
 from fvi_cli.reports.kinds.vibration import magnitude_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.vibration.modes import ModeTable
@@ -27,36 +27,24 @@ _MOST_NUMBERED = 12  # up to so many modes are numbered, and so many peaks have 
 
 def mode_figures(name: str, tables: Sequence[ModeTable]) -> dict[str, Figure]:
     """A figure of the modes of every experiment, by the name of its files."""
-    groups = _by_experiment(name, tables)
-    return {f"{title}-modes": modes_figure(own) for title, own in groups.items()}
+    return {f"{own}-modes": modes_figure(few) for own, few in _by_experiment(name, tables)}
 
 
 def response_figures(name: str, tables: Sequence[ResponseTable]) -> dict[str, Figure]:
     """A figure of the response of every experiment, by the name of its files."""
-    groups = _by_experiment(name, tables)
-    return {f"{title}-response": response_figure(own) for title, own in groups.items()}
+    return {f"{own}-response": response_figure(few) for own, few in _by_experiment(name, tables)}
 
 
-def _by_experiment(name: str, tables: Sequence[Table]) -> dict[str, list[Table]]:
+def _by_experiment(name: str, tables: Sequence[Table]) -> list[tuple[str, list[Table]]]:
     """Tables of each experiment (of all members of a sweep) by the name of their files."""
-    groups: dict[str, list[Table]] = {}
-    for table in tables:
-        groups.setdefault(table.name, []).append(table)
-    return groups if len(groups) > 1 else {name: list(tables)}
-
-
-def _distinguished(tables: Sequence[Table]) -> tuple[list[dict[str, Any]], Mapping[str, Any]]:
-    """Labels or numbers of the members of tables, and the titles of their figure."""
-    members = [table.of_member for table in tables if table.of_member is not None]
-    if len(tables) == 1 or len(members) < len(tables):
-        return [{} for _ in tables], {}
-    found = distinguish(members, tables[0].units)
-    return [found.of(member) for member in members], found.titles
+    names = dict.fromkeys(one.name for one in tables)
+    groups = [(own, [one for one in tables if one.name == own]) for own in names]
+    return groups if len(groups) > 1 else [(name, list(tables))]
 
 
 def modes_figure(tables: Sequence[ModeTable]) -> Figure:
     """Damping ratio over frequency of every mode, on a stem with its number."""
-    names, titles = _distinguished(tables)
+    names, titles = distinguish([one.of_member for one in tables], tables[0].units)
     curves = []
     for place, (table, words) in enumerate(zip(tables, names, strict=True)):
         hertz = np.array([mode.hertz for mode in table.modes])
@@ -67,7 +55,7 @@ def modes_figure(tables: Sequence[ModeTable]) -> Figure:
         numbers = enumerate(zip(hertz, ratio, strict=True), start=1)
         marks = [(float(x), float(y), str(number)) for number, (x, y) in numbers]
         marks = marks[: _MOST_NUMBERED * (len(tables) == 1)]
-        dot = Curve(x=hertz, y=ratio, look=dots(colour, 3.5), marks=marks, **words)
+        dot = Curve(x=hertz, y=ratio, **{**words, "look": dots(colour, 3.5)}, marks=marks)
         curves += [replace(stem, by=dot.by), dot]
     panel = Panel(
         curves=curves,
@@ -85,14 +73,13 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
     A single response has half-power widths, and loss factors beside its peaks.
     """
     first, is_one = tables[0], len(tables) == 1
-    names, titles = _distinguished(tables)
+    names, titles = distinguish([one.of_member for one in tables], tables[0].units)
     upper, lower = [], []
     for place, (table, words) in enumerate(zip(tables, names, strict=True)):
         for index, output in enumerate(table.outputs):
-            look = cycled(index if is_one else place)
-            own = dict(words)
+            own = {"look": cycled(index if is_one else place), **words}
             if "by" not in own and (is_one or len(table.outputs) > 1):
-                own["label"] = ", ".join([typeset_sum(output), *words.values()])
+                own["label"] = ", ".join(filter(None, [output, words.get("label")]))
             peaks = [peak for peak in table.peaks if is_one and peak.at == output]
             marks = [
                 (peak.hertz, peak.magnitude, rf"$\eta = {peak.loss_factor:.2g}$")
@@ -100,7 +87,7 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
                 if math.isfinite(peak.loss_factor)
             ]
             size = table.magnitude[:, index]
-            upper.append(Curve(x=table.hertz, y=size, look=look, marks=marks, **own))
+            upper.append(Curve(x=table.hertz, y=size, marks=marks, **own))
             lower.append(replace(upper[-1], y=table.phase[:, index] / 180.0, marks=(), label=""))
             upper += [_half_power(peak) for peak in peaks if math.isfinite(peak.high - peak.low)]
     steps = np.diff(first.hertz)

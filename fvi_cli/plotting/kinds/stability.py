@@ -15,7 +15,7 @@ from fvi_cli.integrator.stability.region import StabilityMap
 from fvi_cli.plotting.draw import cells, figure
 from fvi_cli.plotting.kinds.convergence import step_label
 from fvi_cli.plotting.panels import Cells
-from fvi_cli.plotting.style import method_names
+from fvi_cli.plotting.style import method_words
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import key_label
 from fvi_cli.studies.members import value_in_words
@@ -59,7 +59,8 @@ def _verdicts_figure(table: StabilityTable) -> Figure:
     Of a sweep a panel for every method, with a row for each step size and a column for each member.
     """
     experiment = table.experiment
-    names, step = method_names(experiment.methods), step_label(experiment)
+    step = step_label(experiment)
+    names = {case: own["label"] for case, own in method_words(experiment.methods).items()}
     cases = list(names)
     if not experiment.members:
         up = [(cases.index(row.run.method.case), names[row.run.method.case]) for row in table.rows]
