@@ -114,6 +114,7 @@ def make_scene(
 ) -> Scene:
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
     inertia = Inertia(mass=mass)
+    size = inertia.dimension
     return Scene(
         inertia=inertia,
         potential=potential,
@@ -122,17 +123,20 @@ def make_scene(
         damping=tuple(damping),
         laws=tuple(laws),
         forcing=given_force(forcing),
-        initial_position=per_coordinate(initial_position, inertia.dimension),
-        initial_velocity=per_coordinate(initial_velocity, inertia.dimension),
+        initial_position=per_coordinate(initial_position, size, "initial_position"),
+        initial_velocity=per_coordinate(initial_velocity, size, "initial_velocity"),
         final_time=final_time,
         derivative=derivative,
     )
 
 
-def per_coordinate(value: ArrayLike, size: int) -> Array:
-    """A vector of `size` equal numbers from a number; a vector is returned unchanged."""
+def per_coordinate(value: ArrayLike, size: int, name: str) -> Array:
+    """A vector ``(size,)``: equal numbers from one number, or the given ones."""
     vector = np.asarray(value, dtype=float)
-    return np.full(size, float(vector)) if vector.ndim == 0 else vector
+    vector = np.full(size, float(vector)) if vector.ndim == 0 else vector
+    if vector.shape != (size,):
+        raise ArgumentError(name, f"{size} numbers are needed, got {vector.tolist()}")
+    return vector
 
 
 Effect = FractionalDamping | Law

@@ -98,32 +98,32 @@ def lagrangian_scene(
         raise ArgumentError("lagrangian", str(error)) from None
     for stiffness in stored:
         found = _with_stiffness(found, stiffness)
-    position = per_coordinate(data.get("initial_position", 0.0), len(names))
-    velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names))
-    mass = found.mass
-    if found.general is not None:
-        at_start = found.general.derivatives(position, velocity, 0.0)
-        mass = at_start.mass
-        value = found.general.lagrangian(position, velocity, 0.0)
-        first = np.concatenate(
-            [np.atleast_1d(value), at_start.momentum, at_start.force, at_start.stiffness.ravel()]
-        )
-        if not (np.isfinite(mass).all() and np.isfinite(first).all()):
-            raise ArgumentError(
-                "lagrangian",
-                "it or a derivative of it is not finite at the initial position and velocity",
-            )
+    position = per_coordinate(data.get("initial_position", 0.0), len(names), "initial_position")
+    velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names), "initial_velocity")
+    at_start = _values_at(found, position, velocity)
+    if not all(np.isfinite(one).all() for one in at_start):
+        words = "it or a derivative of it is not finite at the initial position and velocity"
+        raise ArgumentError("lagrangian", words)
+    mass = at_start[0] if found.mass is None else found.mass
+    if found.mass is None:
         _check_mass(mass, velocities, " at the start")
-    if isinstance(found.potential, ExpressionPotential):
-        _check_start(found.potential, position)
-    if mass is None:  # pragma: no cover - one of the two is there
-        raise ArgumentError("lagrangian", "no mass matrix")
     data["forcing"] = _with(given_force(data.get("forcing")), found.forcing)
     made = make_scene(
         mass, found.potential, lagrangian=found.general, linear_potential=found.linear, **data
     )
-    check_names(names, values, names_of_dampers(made))
     return replace(made, coordinates=names)
+
+
+def _values_at(found: _Recognised, position: Array, velocity: Array) -> list[Array]:
+    """What must be finite at the start; of a general form the mass matrix first."""
+    if found.general is not None:
+        at = found.general.derivatives(position, velocity, 0.0)
+        value = found.general.lagrangian(position, velocity, 0.0)
+        return [at.mass, value, at.momentum, at.force, at.stiffness]
+    if found.potential is None:
+        return []
+    own = found.potential
+    return [own.energy(position), own.gradient(position), own.hessian(position)]
 
 
 @scene_function
@@ -171,25 +171,20 @@ def check_names(
     """
     taken = {TIME: "the time"}
     for index, name in enumerate(coordinates):
-        for given, what in (
-            (name, "a coordinate"),
-            (velocity_name(name), f"the velocity of {name}"),
-        ):
+        derived = {name: "a coordinate", velocity_name(name): f"the velocity of {name}"}
+        for given in derived:
             if given in taken:
                 raise ArgumentError(f"coordinates.{index}", f"{given!r} is {taken[given]} already")
             _check_name(given, f"coordinates.{index}")
-            taken[given] = what
+        taken |= derived
     for name in coordinates:
         taken.setdefault(f"a{name}", f"the acceleration of {name}")
         taken.setdefault(f"d{name}", f"the damping force on {name}")
-    for name, what in (others or {}).items():
-        taken.setdefault(name, what)
+    taken = {**(others or {}), **taken}
     for name in parameters:
         if name in taken:
-            raise ArgumentError(
-                f"parameters.{name}",
-                f"the name is {taken[name]} already; write another, such as {name}_0",
-            )
+            words = f"the name is {taken[name]} already; write another, such as {name}_0"
+            raise ArgumentError(f"parameters.{name}", words)
         _check_name(name, f"parameters.{name}")
 
 
@@ -331,24 +326,6 @@ def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
             f"the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
             f"eigenvalue is {smallest:g}{reason}",
         )
-
-
-def _check_start(potential: ExpressionPotential, position: Array) -> None:
-    """Refuse a start at which the potential energy or its derivatives are not finite."""
-    for what, values in (
-        ("the potential energy", potential.energy(position)),
-        ("the force", potential.gradient(position)),
-        ("the derivative of the force", potential.hessian(position)),
-    ):
-        if np.isfinite(values).all():
-            continue
-        # nan comes from roots and logarithms of negative numbers
-        reason = "not a real number" if np.isnan(values).any() else "infinite"
-        at = ", ".join(
-            f"{name} = {value:g}"
-            for name, value in zip(potential.coordinates, position, strict=True)
-        )
-        raise ArgumentError("lagrangian", f"{what} is {reason} at the initial position, {at}")
 
 
 def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcing | None:

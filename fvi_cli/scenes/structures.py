@@ -289,10 +289,8 @@ def frame(
     and with `rayleigh` Rayleigh's damping, as of a structure. `dampers` are terms and laws whose
     coefficients are numbers, one in every storey.
     """
-    masses, springs = (per_coordinate(one, storeys) for one in (mass, stiffness))
-    for name, value in (("mass", masses), ("stiffness", springs)):
-        if value.shape != (storeys,):
-            raise ArgumentError(name, f"{value.size} entries for {storeys} storeys")
+    masses = per_coordinate(mass, storeys, "mass")
+    springs = per_coordinate(stiffness, storeys, "stiffness")
     rows, is_tall = neighbour_rows(storeys, "left"), storeys > LARGEST_DENSE
     return structure(
         mass=_springs(np.eye(storeys), masses, sparse=is_tall),
@@ -339,7 +337,7 @@ def string(
     """
     wave_numbers = np.arange(1, modes + 1) * np.pi / length
     if pluck is not None:
-        position = per_coordinate(data.get("initial_position", 0.0), modes)
+        position = per_coordinate(data.get("initial_position", 0.0), modes, "initial_position")
         data["initial_position"] = position + pluck_amplitudes(modes, *pluck)
     return structure(
         mass=np.eye(modes),

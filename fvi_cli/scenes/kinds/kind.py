@@ -293,4 +293,4 @@ def _vector(value: object, names: tuple[str, ...], place: str) -> Array:
     if isinstance(value, NumbersAt):
         given = by_coordinate(value.at, names, f"{place}.at")
         return np.array([given.get(name, 0.0) for name in names])
-    return per_coordinate(np.asarray(value, dtype=float), len(names))
+    return per_coordinate(np.asarray(value), len(names), place)
