@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from fvi_cli.effects.matrices import Factored, dense, symmetric_form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
-from fvi_cli.mathematics.arrays import Array, set_arrays
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
 _WORD: Final = re.compile(r"[A-Za-z_]\w*")
@@ -31,84 +28,30 @@ def linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
     return np.array([*constant, *slopes.evaluate({})], dtype=float)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Directions:
-    r"""Linear forms :math:`y = B q`, one per row.
+def read_directions(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
+    r"""The rows B, ``(r, d)``, of linear forms :math:`y = B q` such as ``x2 - x1``.
 
     Raises
     ------
-    ValueError
-        If a row is zero or not finite.
+    ArgumentError
+        At ``acts_on.<index>``, if that text is not a linear combination of the d coordinates.
     """
-
-    rows: Array  # B, shape (r, d)
-    labels: tuple[int, ...] = ()  # numbers of the rows in names; empty: 1, 2, ...
-
-    def __post_init__(self) -> None:
-        set_arrays(self, rows=np.atleast_2d(self.rows))
-        if not np.all(np.isfinite(self.rows)):
-            raise ArgumentError("acts_on", "every factor must be finite")
-        if np.any(np.all(self.rows == 0, axis=1)):
-            raise ArgumentError("acts_on", "a combination whose coordinates cancel")
-
-    @classmethod
-    def from_text(cls, texts: Sequence[str], coordinates: Sequence[str]) -> Directions:
-        """Directions from texts such as ``x2 - x1``, by the names of the d coordinates.
-
-        Raises
-        ------
-        ArgumentError
-            At ``acts_on.<index>``, if that text is not a linear combination.
-        """
-        places = {name: place for place, name in enumerate(coordinates)}
-        rows = np.zeros((len(texts), len(coordinates)))
-        for index, text in enumerate(texts):
-            try:
-                constant, factors = _combination(text, places)
-            except ExpressionError as error:
-                raise ArgumentError(f"acts_on.{index}", str(error)) from None
-            if not any(factors.values()):
-                raise ArgumentError(
-                    f"acts_on.{index}", f"{text!r} contains no coordinate, or they cancel"
-                )
-            if constant != 0:
-                raise ArgumentError(
-                    f"acts_on.{index}",
-                    f"{text!r} holds the constant {constant:g}; "
-                    "only linear combinations of coordinates are allowed",
-                )
-            rows[index, [places[name] for name in factors]] = list(factors.values())
-        return cls(rows=rows)
-
-    @property
-    def count(self) -> int:
-        """Number r of forms."""
-        return int(self.rows.shape[0])
-
-    def factored(self, coefficient: ArrayLike) -> Factored:
-        r"""The d x d matrix :math:`B^T \mu B` of a force :math:`\mu y` along the directions.
-
-        Raises
-        ------
-        ValueError
-            If the coefficient is neither a number nor a symmetric r x r matrix.
-        """
-        inner = np.asarray(coefficient, dtype=float)
-        inner = inner * np.eye(self.count) if inner.ndim == 0 else inner
-        inner = dense(symmetric_form(inner, "coefficient"))
-        if inner.shape[0] != self.count:
+    places = {name: place for place, name in enumerate(coordinates)}
+    rows = np.zeros((len(texts), len(coordinates)))
+    for index, text in enumerate(texts):
+        # only the coordinates that occur: a structure has thousands; a complaint lists a few more
+        used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
+        shown = dict.fromkeys([*used, *list(places)[:_MOST_SHOWN]])
+        try:
+            parsed = Expression.parse(text, variables=tuple(shown))
+            constant, *factors = linear_form(parsed.system, used).tolist()
+        except ExpressionError as error:
+            raise ArgumentError(f"acts_on.{index}", str(error)) from None
+        if constant or not any(factors):
+            words = f"holds the constant {constant:g}" if constant else "contains no coordinate"
             raise ArgumentError(
-                "coefficient",
-                f"a matrix of size {inner.shape[0]} for {self.count} entries in acts_on",
+                f"acts_on.{index}",
+                f"{text!r} {words}; write a linear combination of coordinates, such as x2 - x1",
             )
-        return Factored(rows=self.rows, inner=inner, labels=self.labels)
-
-
-def _combination(text: str, places: Mapping[str, int]) -> tuple[float, dict[str, float]]:
-    """The constant of a text, and the factors of the coordinates that occur in it."""
-    # only the coordinates that occur: a structure has thousands; a complaint lists a few more
-    used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
-    shown = list(places)[:_MOST_SHOWN]
-    parsed = Expression.parse(text, variables=tuple(dict.fromkeys([*used, *shown])))
-    constant, *factors = linear_form(parsed.system, used).tolist()
-    return constant, dict(zip(used, factors, strict=True))
+        rows[index, [places[name] for name in used]] = factors
+    return rows

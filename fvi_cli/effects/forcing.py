@@ -68,24 +68,18 @@ class ForcingPiece:
     def _joined(self, weights: Sequence[float]) -> list[tuple[float, ForceComponent]]:
         """Weights and components of a combination; samples at equal times are joined to one."""
         found: list[tuple[float, ForceComponent]] = []
-        totals: dict[tuple[int, bytes], tuple[SampledForce, Array]] = {}
-        for weight, (one, _), knots in zip(weights, self.distinct, self._knots, strict=True):
+        totals: dict[tuple[int, bytes], SampledForce] = {}
+        for weight, (one, _) in zip(weights, self.distinct, strict=True):
             if not weight:
                 continue
             if not isinstance(one, SampledForce) or one.formula is not None:
                 found.append((weight, one))
-            elif (key := (one.order, knots)) in totals:
-                totals[key][1][...] += weight * one.coefficients
-            else:
-                totals[key] = (one, weight * one.coefficients)
-        joined = [(1.0, replace(one, coefficients=total)) for one, total in totals.values()]
-        return [*found, *joined]
-
-    @cached_property
-    def _knots(self) -> list[bytes]:
-        """The times of samples, as keys, in the order of the distinct components."""
-        every = (one for one, _ in self.distinct)
-        return [one.knots.tobytes() if isinstance(one, SampledForce) else b"" for one in every]
+                continue
+            key, own = (one.order, one.knots.tobytes()), one.times(weight)
+            if other := totals.get(key):
+                own = replace(own, coefficients=other.coefficients + own.coefficients)
+            totals[key] = own
+        return [*found, *((1.0, one) for one in totals.values())]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

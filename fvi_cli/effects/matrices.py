@@ -56,11 +56,27 @@ Solve = Callable[[Array], Array]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Factored:
-    r"""A symmetric matrix :math:`B^T C B` of low rank."""
+    r"""A symmetric matrix :math:`B^T C B` of low rank, of a force along directions.
+
+    Raises
+    ------
+    ValueError
+        If C is neither a number nor a symmetric r x r matrix.
+    """
 
     rows: Array  # B, shape (r, d): the directions
-    inner: Array  # C, symmetric, shape (r, r)
+    inner: Array  # C, symmetric, shape (r, r); a number stands for its multiple of the unit matrix
     labels: tuple[int, ...] = ()  # numbers of the directions in names; empty: 1, 2, ...
+
+    def __post_init__(self) -> None:
+        count = len(self.rows)
+        inner = np.asarray(self.inner, dtype=float)
+        inner = inner * np.eye(count) if inner.ndim == 0 else inner
+        inner = dense(symmetric_form(inner, "coefficient"))
+        if len(inner) != count:
+            words = f"a matrix of size {len(inner)} for {count} entries in acts_on"
+            raise ArgumentError("coefficient", words)
+        object.__setattr__(self, "inner", inner)
 
     @cached_property
     def form(self) -> Form:

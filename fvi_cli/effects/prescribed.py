@@ -33,22 +33,22 @@ class PrescribedMotion:
         ValueError
             If it jumps, does not change at all, or is known as a function only.
         """
+        wrong = ""
         times = np.array([0.0, *self.break_points, self.final_time])
         values = self.displacement(np.linspace(times[:-1], times[1:], 9).ravel())
         least = JUMP * float(np.abs(values).max())
-        if not np.ptp(values) > least:
-            raise ArgumentError("displacement", "it is constant; give a displacement that changes")
-        pieces = self.displacement.pieces
-        for before, after in itertools.pairwise(pieces):
+        for before, after in itertools.pairwise(self.displacement.pieces):
             at = np.array(before.until)
             if at < self.final_time and abs(after.evaluate(at) - before.evaluate(at)) > least:
-                raise ArgumentError(
-                    "displacement", f"it jumps at t = {at:g}: an infinite rate; give a ramp"
-                )
+                wrong = f"it jumps at t = {at:g}: an infinite rate; give a ramp"
         if any(one.order == 1 for one in self.displacement.samples):
-            raise ArgumentError("displacement", "it jumps at every sample; interpolate linearly")
-        if not np.isfinite(self.start_rate):
-            raise ArgumentError("displacement", "its rate is infinite at t = 0; give a ramp")
+            wrong = "it jumps at every sample; interpolate linearly"
+        if not np.ptp(values) > least:
+            wrong = "it is constant; give a displacement that changes"
+        if not wrong and not np.isfinite(self.start_rate):
+            wrong = "its rate is infinite at t = 0; give a ramp"
+        if wrong:
+            raise ArgumentError("displacement", wrong)
 
     @property
     def start(self) -> float:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from numbers import Real
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -43,7 +42,7 @@ class Scene:
     Raises
     ------
     ValueError
-        For sizes that do not match, values that are not finite, objects that are no such effects,
+        For sizes that do not match, values that are not finite,
         Riemann-Liouville derivatives of an order above 1 or of laws with q0 != 0, and laws with a
         relaxed modulus beside a Lagrangian.
     """
@@ -76,13 +75,10 @@ class Scene:
             if value.shape != (d,) or not np.isfinite(value).all():
                 raise ArgumentError(name, f"{d} finite numbers are needed, got {value.tolist()}")
             set_arrays(self, **{name: value})
-        end: Any = self.final_time
-        is_number = np.ndim(end) == 0 and isinstance(end, Real | np.ndarray)
-        if not (is_number and 0 < end < math.inf):
-            raise ArgumentError(
-                "final_time", f"{self.final_time!r} is not allowed; it must be positive"
-            )
-        object.__setattr__(self, "final_time", float(self.final_time))
+        end = float(self.final_time)
+        if not 0 < end < math.inf:
+            raise ArgumentError("final_time", f"{end!r} is not allowed; it must be positive")
+        object.__setattr__(self, "final_time", end)
         if self.lagrangian is not None and self.potential is not None:
             raise ArgumentError("potential", "a Lagrangian holds the potential energy already")
         if self.potential is not None:
@@ -103,23 +99,14 @@ class Scene:
         self._relax()
 
     def _check_effects(self) -> None:
-        """Refuse effects of another type or size."""
-        for name, kind in (("damping", FractionalDamping), ("laws", Law)):
-            given = getattr(self, name)
-            values = given if isinstance(given, list | tuple) else [given]
-            if others := [x for x in values if not isinstance(x, kind)]:
-                words = f"{type(others[0]).__name__} is no {kind.__name__}"
-                raise ArgumentError(name, f"{words}; give a list of {kind.__name__}")
-            object.__setattr__(self, name, tuple(values))
-        if self.forcing is not None and not isinstance(self.forcing, Forcing):
-            raise ArgumentError("forcing", "no Forcing; write fvi.Forcing.from_text('sin(t)')")
+        """Refuse effects of another size."""
+        for name in ("damping", "laws"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         every: list[Any] = [self.potential, self.linear_potential, self.lagrangian, self.forcing]
         for effect in (*every, *self.damping, *self.laws):
             if effect is not None and effect.dimension != self.dimension:
-                raise ValueError(
-                    f"{type(effect).__name__} has {effect.dimension} components, the mass "
-                    f"{self.dimension}"
-                )
+                words = f"{type(effect).__name__} has {effect.dimension} components, the mass"
+                raise ValueError(f"{words} {self.dimension}")
         if self.forcing is not None and (words := self.forcing.objection(self.final_time)):
             raise ArgumentError("forcing", words)
 
@@ -273,27 +260,18 @@ class Scene:
                 found = found + one.energy(position)
         return np.asarray(found)
 
-    def forces(self, position: Array, velocity: Array, time: Array) -> tuple[Array, Array]:
-        """The derivatives of L by v and q; M v and minus the gradient of V."""
-        if self.lagrangian is not None:
-            return self.lagrangian.forces(position, velocity, time)
-        force = np.zeros_like(position)
-        if self.potential is not None:
-            force = -self.potential.gradient(position)
-        return self.momentum(position, velocity, time), force
-
     def derivatives(self, position: Array, velocity: Array, time: Array) -> Derivatives:
         """All first and second derivatives of L in q and v."""
         if self.lagrangian is not None:
             return self.lagrangian.derivatives(position, velocity, time)
-        momentum, force = self.forces(position, velocity, time)
         shape = (*position.shape, self.dimension)
+        force, stiffness = np.zeros_like(position), np.zeros(shape)
+        if self.potential is not None:
+            force, stiffness = -self.potential.gradient(position), -self.potential.hessian(position)
         return Derivatives(
-            momentum=momentum,
+            momentum=self.momentum(position, velocity, time),
             force=force,
             mass=np.broadcast_to(self.inertia.mass, shape),
             mixed=np.zeros(shape),
-            stiffness=(
-                np.zeros(shape) if self.potential is None else -self.potential.hessian(position)
-            ),
+            stiffness=stiffness,
         )

@@ -156,7 +156,7 @@ def double_pendulum(
         " + m2*l1*l2*vtheta1*vtheta2*cos(theta1 - theta2)"
         " + (m1 + m2)*g*l1*cos(theta1) + m2*g*l2*cos(theta2)",
         parameters={"m1": m1, "m2": m2, "l1": l1, "l2": l2, "g": gravity},
-        **with_dampers(data, joints, lambda c: Factored(rows=rows, inner=c * np.eye(2))),
+        **with_dampers(data, joints, lambda c: Factored(rows=rows, inner=np.array(c))),
     )
 
 

@@ -233,8 +233,7 @@ def _springs(rows: Array, stiffness: Array, *, sparse: bool = False) -> Form:
 
 def _between(dampers: Sequence[Effect], rows: Array, data: SceneData) -> SceneData:
     """The data with a damper parallel to every spring."""
-    unit = np.eye(len(rows))
-    return with_dampers(data, dampers, lambda c: Factored(rows=rows, inner=c * unit))
+    return with_dampers(data, dampers, lambda c: Factored(rows=rows, inner=np.array(c)))
 
 
 @scene_function

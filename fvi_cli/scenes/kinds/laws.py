@@ -8,14 +8,15 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final, Literal
 
+import numpy as np
 from pydantic import Field
 
 from fvi_cli.effects.damping import Coefficient, FractionalDamping
-from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.directions import read_directions
 from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
-from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.matrices import Factored, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Effect
@@ -179,8 +180,8 @@ def on_coordinates(names: Sequence[str], *, sparse: bool = False) -> Place:
                 words = f"is for {matrix.shape[0]} coordinates, but there are {len(names)}"
                 raise ArgumentError("coefficient", words)
             return matrix
-        directions = Directions.from_text(term.acts_on, names)
-        return directions.factored(dense(matrix_of(factor, directions.count)))
+        rows = read_directions(term.acts_on, names)
+        return Factored(rows=rows, inner=dense(matrix_of(factor, len(rows))))
 
     return on
 
@@ -207,8 +208,8 @@ def between_parts(rows: Array | None = None) -> Place:
             if storey in storeys[:index]:
                 words = f"{storey} is given twice; write a damper of its own for it"
                 raise ArgumentError(place, words)
-        some = Directions(rows=rows[[storey - 1 for storey in storeys]], labels=tuple(storeys))
-        return some.factored(factor)
+        some = rows[[storey - 1 for storey in storeys]]
+        return Factored(rows=some, inner=np.array(factor), labels=tuple(storeys))
 
     return on
 

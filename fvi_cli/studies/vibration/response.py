@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.directions import read_directions
 from fvi_cli.effects.matrices import times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
@@ -282,6 +282,6 @@ def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
         For texts that are neither.
     """
     try:
-        return Directions.from_text(list(texts), coordinates).rows
+        return read_directions(list(texts), coordinates)
     except ArgumentError as error:
         raise ValueError(error.message) from None

@@ -9,7 +9,8 @@ from letters import spring
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.effects.directions import Directions
+from fvi_cli.effects.directions import read_directions
+from fvi_cli.effects.matrices import Factored
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.parameters import parameter_of
@@ -86,8 +87,8 @@ def drawn(seed: int) -> fvi.Scene:
 
     def coefficient() -> object:
         chosen = rng.choice(d, size=int(rng.integers(1, d + 1)), replace=False)
-        along = Directions.from_text([between[k] for k in sorted(chosen)], names)
-        return along.factored(np.diag(rng.uniform(0.2, 1.0, along.count)))
+        rows = read_directions([between[k] for k in sorted(chosen)], names)
+        return Factored(rows=rows, inner=np.diag(rng.uniform(0.2, 1.0, len(rows))))
 
     laws = (
         fvi.fractional_zener(
