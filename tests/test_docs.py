@@ -20,7 +20,10 @@ PAGES = {
     path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8")
     for path in DOCS.rglob("*.md")
 }
-WITH_README = PAGES | {"../README.md": (ROOT / "README.md").read_text(encoding="utf-8")}
+WITH_README = PAGES | {
+    f"../{name}": (ROOT / name).read_text(encoding="utf-8")
+    for name in ("README.md", "CONTRIBUTING.md")
+}
 COMMANDS = typer.main.get_command(app()).commands
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
@@ -74,7 +77,7 @@ PYTHON = [
         id=f"{page}-{number}",
         marks=[pytest.mark.slow] if (page, number) == LONG else [],
     )
-    for page, text in sorted(PAGES.items())
+    for page, text in sorted(WITH_README.items())
     for number, (kind, block) in enumerate(FENCED.findall(text))
     # one needs a cluster; the tutorial's follow its steps
     if kind == "python" and "dask_jobqueue" not in block and page != "tutorial.md"
@@ -85,7 +88,7 @@ PYTHON = [
 @pytest.mark.parametrize(("page", "number"), PYTHON)
 def test_examples_run(page, number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    _, block = FENCED.findall(PAGES[page])[number]
+    _, block = FENCED.findall(WITH_README[page])[number]
     exec(compile(block, f"{page}, block {number}", "exec"), {"__name__": "example"})
     assert list(tmp_path.iterdir()) == []
 
@@ -123,7 +126,7 @@ def test_a_new_configuration_may_come_with_its_schema(tmp_path, monkeypatch):
     made = here("new", "second", "--schema")
     assert made.stdout.split() == ["second.yaml", "fvi.schema.json"]
     modeline = (tmp_path / "second.yaml").read_text(encoding="utf-8").splitlines()[0]
-    assert modeline in dict(FENCED.findall(PAGES["how-to/editors.md"]))["yaml"]
+    assert modeline in dict(FENCED.findall(PAGES["how-to/inputs.md"]))["yaml"]
     schema = tmp_path / modeline.partition("$schema=")[2]
     assert "$defs" in json.loads(schema.read_text(encoding="utf-8"))
     for name in ("first", "second"):

@@ -25,8 +25,9 @@ MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
 _HEAD: Final = """# Configuration, key by key
 
 Made by `python docs/site/reference.py` from what checks configurations; for editors there is the
-same as [JSON schema](../how-to/editors.md). A key that is required is so wherever its mapping is
-given. A file is one experiment, or has a `name` and a list `experiments` of them.
+same as [JSON schema](../how-to/inputs.md#keys-completed-while-you-type). A key that is required is
+so wherever its mapping is given. A file is one experiment, or has a `name` and a list `experiments`
+of them.
 """
 _BOUNDS: Final = {
     Gt: "above {0.gt}",

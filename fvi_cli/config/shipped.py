@@ -70,7 +70,7 @@ def guide_pages() -> dict[str, dict[str, str]]:
 
 
 def guide_page(name: str) -> str:
-    """The text of a page of the guide; for a notebook its place."""
+    """The text of a page of the guide."""
     # the page that lists the others is not in their list
     index = {"index": _shipped("guide", "docs") / "index.md"}
     plain, known = name.removesuffix(".md"), {**_page_files(), **index}
@@ -79,9 +79,7 @@ def guide_page(name: str) -> str:
             f"{excerpt(name, 200)}: no such page{suggestion(plain, tuple(known))} "
             f"(pages: {listed(tuple(known))})"
         )
-    text = known[plain].read_text(encoding="utf-8").rstrip()
-    notebook = known[plain].with_suffix(".ipynb")
-    return f"{text}\n\nThe notebook: {notebook}" if notebook.is_file() else text
+    return known[plain].read_text(encoding="utf-8").rstrip()
 
 
 def _folder() -> Path:

@@ -85,9 +85,10 @@ def loops_of(time: Array, deformation: Array, force: Array) -> dict[str, DamperL
     """The last loop, and the widest one where that is wider; empty where there is no loop.
 
     A loop is one period: it lies between two rises of the deformation through the middle of its
-    range, with one maximum between them; between the points both are cubic polynomials. Loops of less than a thousandth of the range, such as
-    round-off at rest, do not count. With too few points the numbers are nan. A stiffness below the
-    error of the run is 0, its loss factor infinite. Keys are :data:`LAST` and :data:`LARGEST`.
+    range, with one maximum between them; between the points both are cubic polynomials. Loops of
+    less than a thousandth of the range, such as round-off at rest, do not count. With too few
+    points the numbers are nan. A stiffness below the error of the run is 0, its loss factor
+    infinite. Keys are :data:`LAST` and :data:`LARGEST`.
     """
     finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
     t, y, f = time[finite], deformation[finite], force[finite]

@@ -20,7 +20,6 @@ def test_a_page_is_printed_as_it_stands():
         shown = fvi("guide", name)
         page = DOCS / "how-to" / "motions.md"
         assert shown.stdout.strip() == page.read_text(encoding="utf-8").strip()
-    assert "The notebook: " in fvi("guide", "notebook").stdout
 
 
 def test_an_unknown_page_is_answered_with_the_nearest():
