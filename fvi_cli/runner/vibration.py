@@ -177,7 +177,7 @@ def _response(
         sum(loads, np.zeros(1)),
         hertz,
         outputs=at or coordinates,
-        rows=None if outputs is None else outputs.forms,
+        rows=None if outputs is None else outputs.rows,
         offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(force),
         load_words=", ".join(force),
     )

@@ -8,19 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from typing import Final
 
 import numpy as np
 
 from fvi_cli.effects.directions import linear_form
 from fvi_cli.effects.matrices import times
-from fvi_cli.integrator.observe.dampers import (
-    DamperForce,
-    damper_values,
-    dampers_of,
-    deformation_rows,
-)
+from fvi_cli.integrator.observe.dampers import damper_values, dampers_of, deformation_rows
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.algebra.builder import bound
 from fvi_cli.mathematics.arrays import Array, ComplexArray
@@ -29,33 +23,22 @@ from fvi_cli.scenes.problem import Problem
 
 QUALITIES: Final = {"": "displacement", "v": "velocity", "a": "acceleration"}
 """Quality of an output that is a sum of coordinates, by the prefix of their names."""
+Term = tuple[Callable[[complex], complex], Array]
+"""A function of s and the linear form of the amplitudes that it multiplies, shape ``(d,)``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HarmonicOutputs:
     """Linear forms of the amplitudes of coordinates; the forms depend on the frequency."""
 
-    names: tuple[str, ...]
     qualities: tuple[str, ...]  # of each output: displacement, velocity, acceleration, or empty
-    powers: Array  # factors of q, s q and s^2 q, shape ``(3, k, d)``
-    # pairs (complex modulus of a damper as a function of s, rows that it multiplies, ``(k, d)``)
-    dampers: tuple[tuple[Callable[[complex], complex], Array], ...]
+    terms: tuple[Sequence[Term], ...]  # those of every output
     ground: Array  # factor of the acceleration of the ground, shape ``(k,)``
 
-    @property
-    def forms(self) -> Array | Callable[[complex], Array | ComplexArray]:
-        """The forms, shape ``(k, d)``, or where they depend on s the function :meth:`rows`."""
-        return self.rows if self.powers[1:].any() or self.dampers else self.powers[0]
-
-    def rows(self, s: complex) -> Array | ComplexArray:
+    def rows(self, s: complex) -> ComplexArray:
         """The forms at s, shape ``(k, d)``."""
-        found: Array | ComplexArray = self.powers[0]
-        for power in (1, 2):
-            if self.powers[power].any():
-                found = found + s**power * self.powers[power]
-        for modulus, rows in self.dampers:
-            found = found + modulus(s) * rows
-        return found
+        found = [sum(symbol(s) * row for symbol, row in terms) for terms in self.terms]
+        return np.array(found, dtype=complex)
 
 
 def harmonic_outputs(
@@ -71,61 +54,54 @@ def harmonic_outputs(
     ValueError
         For expressions that are not linear in the motion, hold the time, or have a constant.
     """
-    size, count = problem.scene.dimension, len(texts)
-    powers, ground = np.zeros((3, count, size)), np.zeros(count)
-    dampers: list[tuple[Callable[[complex], complex], Array]] = []
-    qualities = []
-    derived = Observations(coordinates=problem.coordinates, parameters=problem.numbers).derived
-    values = damper_values(problem.scene)
-    terms: tuple[DamperForce, ...] = (*problem.scene.damping, *problem.scene.laws)
+    size = problem.scene.dimension
+    qualities, every, ground = [], [], np.zeros(len(texts))
     for number, text in enumerate(texts):
         formula = quantities.get(text) or Expression.parse(text, variables=names)
         system = bound(formula.expand(problem.ready).system, problem.numbers)
-        used = system.names
-        constant, *factors = linear_form(system, used)
+        constant, *factors = linear_form(system, system.names)
         if constant or not any(factors):
             raise ValueError(f"{text!r}: it holds {constant:g}, which does not move; write none")
-        add = partial(_at_row, number, (count, size))
+        terms: list[Term] = [(lambda s: 0.0, np.zeros(size))]
         kinds = set()
-        for name, factor in zip(used, factors, strict=True):
-            prefix, index = derived.get(name, ("", -1))
-            unit = np.eye(1, size, max(index, 0))[0]
+        for name, factor in zip(system.names, factors, strict=True):
             if name in problem.inputs:
                 ground[number] = factor
                 kinds.add("a")
-            elif index >= 0 and prefix != "d":
-                powers["va".find(prefix) + 1 if prefix else 0, number, index] += factor
-                kinds.add(prefix)
-            elif index >= 0:
-                # relaxed moduli belong to the potential
-                pulled = [(one.symbol, np.asarray(times(unit, one.form))) for one in terms]
-                dampers += [(symbol, add(-factor * row)) for symbol, row in pulled]
-            elif name in values and values[name].kind != "work":
-                value = values[name]
-                rows = deformation_rows(problem.scene, value.place)
-                if value.kind == "deformation":
-                    powers[0, number] += factor * rows[value.component]
-                    kinds.add("")
-                    continue
-                for one in dampers_of(problem.scene)[value.place]:
-                    inner = np.asarray(times(np.eye(len(rows)), one.inner))
-                    whole = add(factor * inner[value.component] @ rows)
-                    dampers.append((one.symbol, whole))
-                    powers[0] += getattr(one, "spring", 0.0) * whole
-                kinds.add(name)
-            else:
-                raise ValueError(f"{text!r}: {name} has no amplitude in a steady response")
+                continue
+            try:
+                kind, found = _terms_of(name, problem)
+            except KeyError:
+                raise ValueError(
+                    f"{text!r}: {name} has no amplitude in a steady response"
+                ) from None
+            terms += [(symbol, factor * row) for symbol, row in found]
+            kinds.add(kind)
         qualities.append(QUALITIES.get(kinds.pop(), "") if len(kinds) == 1 else "")
-    return HarmonicOutputs(
-        names=tuple(texts),
-        qualities=tuple(qualities),
-        powers=powers,
-        dampers=tuple(dampers),
-        ground=ground,
-    )
+        every.append(terms)
+    return HarmonicOutputs(qualities=tuple(qualities), terms=tuple(every), ground=ground)
 
 
-def _at_row(number: int, shape: tuple[int, int], row: Array) -> Array:
-    found = np.zeros(shape)
-    found[number] = row
-    return found
+def _terms_of(name: str, problem: Problem) -> tuple[str, list[Term]]:
+    """Prefix (or name) of a variable of a motion, and its terms; KeyError: it has no amplitude."""
+    scene = problem.scene
+    derived = Observations(coordinates=problem.coordinates, parameters=problem.numbers).derived
+    if name in derived:
+        prefix, index = derived[name]
+        unit = np.eye(1, scene.dimension, index)[0]
+        if prefix == "d":
+            # relaxed moduli belong to the potential
+            return name, [(one.symbol, -times(unit, one.form)) for one in scene.active_forces]
+        power = ("", "v", "a").index(prefix)
+        return prefix, [(lambda s: s**power, unit)]
+    value = damper_values(scene)[name]
+    if value.kind == "work":
+        raise KeyError(name)
+    rows = deformation_rows(scene, value.place)
+    if value.kind == "deformation":
+        return "", [(lambda s: 1.0, rows[value.component])]
+    terms: list[Term] = []
+    for one in dampers_of(scene)[value.place]:
+        row = times(np.eye(len(rows))[value.component], one.inner) @ rows
+        terms += [(one.symbol, row), (lambda s: 1.0, getattr(one, "spring", 0.0) * row)]
+    return name, terms
