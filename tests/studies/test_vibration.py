@@ -216,7 +216,7 @@ def test_the_commands_from_three_exported_files(tmp_path):
     told = fvi("modes", config, "--count", "4", "-o", output, code=0).stdout
     assert "None is missing" in told
     rows = rows_of(output / "tables" / "beam-modes.csv")
-    columns = "mode,real,imaginary,frequency_hz,damping_ratio,loss_factor,residual"
+    columns = "experiment,mode,real,imaginary,frequency_hz,damping_ratio,loss_factor,residual"
     assert ",".join(rows[0]) == columns
     assert len(rows) == 4
     with h5py.File(output / "beam-modes.h5") as stored:

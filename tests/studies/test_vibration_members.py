@@ -19,6 +19,11 @@ def problem(coefficient: float, order: float = 0.5) -> str:
     )
 
 
+def member_of(row: dict[str, str]) -> tuple[float, ...]:
+    """Order and coefficient of the damping of a row."""
+    return tuple(float(row[f"problem.damping.0.{key}"]) for key in ("order", "coefficient"))
+
+
 @pytest.fixture
 def swept(tmp_path):
     path = tmp_path / "swept.yaml"
@@ -34,16 +39,14 @@ def test_modes_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     assert "None is missing in 6 of 6 members" in shown
     rows = rows_of(output / "tables" / "swept-modes.csv")
     assert len(rows) == 12
-    members = list(dict.fromkeys(row["member"] for row in rows))
-    assert len(members) == 6
     with h5py.File(output / "swept-modes.h5") as file:
-        groups = file["swept"].values()
-        assert [group.attrs["member"].decode() for group in groups] == members
+        members = [group.attrs["member"].decode() for group in file["swept"].values()]
+    assert len(members) == 6
     for number, (order, size) in enumerate((o, c) for o in (0.3, 0.7) for c in (0.1, 0.2, 8.0)):
         path = tmp_path / f"one-{number}.yaml"
         path.write_text(configuration(problem(size, order), name="one", steps="16"))
         (table,) = fvi_api.modes(path)
-        own = [row for row in rows if row["member"] == members[number]]
+        own = [row for row in rows if member_of(row) == (order, size)]
         assert f"order = {order}" in members[number]
         assert [float(row["imaginary"]) for row in own] == pytest.approx(
             [mode.frequency.imag for mode in table.modes], rel=1e-12
@@ -56,14 +59,14 @@ def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     asked = ("--frequency", "0.1:0.4:31", "--force", "x1", "--at", "x2", "-o", output)
     fvi("response", swept, *asked, code=0)
     rows = rows_of(output / "tables" / "swept-response.csv")
-    members = list(dict.fromkeys(row["member"] for row in rows))
+    members = list(dict.fromkeys(map(member_of, rows)))
     assert len(rows) == 6 * 31
     assert len(members) == 6
     tables = fvi_api.response(swept, frequency="0.1:0.4:31", force=["x1"], at=["x2"])
     for table, member in zip(tables, members, strict=True):
-        own = [float(row["magnitude"]) for row in rows if row["member"] == member]
+        own = [float(row["magnitude"]) for row in rows if member_of(row) == member]
         assert own == pytest.approx(table.magnitude[:, 0], rel=1e-12)
-        assert table.member == member
+        assert str(member[0]) in table.member
     sizes = np.array([table.magnitude[:, 0] for table in tables])
     # the control: members are not the first one over again
     assert len({round(float(size), 12) for size in sizes[:, 5]}) == 6
