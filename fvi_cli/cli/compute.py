@@ -126,11 +126,7 @@ def stability(call: Call, configs: Configs) -> int:
 
 @command(COMPUTE, *STUDY)
 def fit(call: Call, configs: Configs) -> int:
-    """Fit numbers of a problem to measured motions, with confidence intervals.
-
-    Writes tables, figures and a configuration with the numbers found. Exit code 1 when a fit does
-    not converge; then the best point is reported, and why.
-    """
+    """Fit numbers of a problem to measured motions, with confidence intervals."""
     from fvi_cli.runner import fit as study
 
     def show(config: LoadedConfig, found: list[FitResult]) -> None:
@@ -150,10 +146,7 @@ def modes(
         float | None, typer.Option(help="Those nearest to a frequency; default: the lowest.")
     ] = None,
 ) -> int:
-    """Compute modes of linear scenes with their damping, and count whether any is missing.
-
-    Exit code 1 where modes may be missing.
-    """
+    """Compute modes of linear scenes with their damping, and count whether any is missing."""
     from fvi_cli.runner import vibration as study
 
     return call.each(configs, study.modes_tasks, study.modes, count=count, near=near)

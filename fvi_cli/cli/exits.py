@@ -11,30 +11,29 @@ import functools
 import logging
 import os
 import sys
-import traceback
 from collections.abc import Callable
-from typing import ParamSpec
+from typing import Any
 
 import typer
 
 from fvi_cli.errors import FviError, RequestError
 
+_logger = logging.getLogger("fvi_cli")
+
 DONE, RUN_FAILED, WRONG_REQUEST, CHECK_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
-P = ParamSpec("P")
 
-
-def guarded(command: Callable[P, int]) -> Callable[P, None]:
+def guarded(command: Callable[..., int]) -> Callable[..., None]:
     """Turn the value of `command`, and whatever it raises, into an exit code."""
 
     @functools.wraps(command)
-    def wrapped(*args: P.args, **kwargs: P.kwargs) -> None:
+    def wrapped(**given: Any) -> None:
         from fvi_cli.runner.progress import configure_logging
 
-        quiet, verbose = bool(kwargs.get("quiet")), bool(kwargs.get("verbose"))
+        quiet, verbose = bool(given.get("quiet")), bool(given.get("verbose"))
         configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
         try:
-            code = command(*args, **kwargs)
+            code = command(**given)
             sys.stdout.flush()
         except BrokenPipeError:
             # the reader of the pipe has ended; the interpreter would complain once more at exit
@@ -43,8 +42,8 @@ def guarded(command: Callable[P, int]) -> Callable[P, None]:
         except (Exception, KeyboardInterrupt) as error:
             code, words = _ending(error)
             print(words, file=sys.stderr)
-            if verbose and code == RUN_FAILED:
-                traceback.print_exc()
+            if code == RUN_FAILED:
+                _logger.debug("", exc_info=error)
         raise typer.Exit(code)
 
     return wrapped

@@ -211,7 +211,7 @@ class _Work:
             "%s: %d runs, %d of them stored", self.name, len(self.runs), len(self.runs) - count
         )
         for experiment in dict.fromkeys(one.experiment for one in own):
-            if words := one_by_one_words(experiment):
+            if experiment.members and (words := one_by_one_words(experiment)):
                 _logger.info("%s: %s", self.name, words)
         with (
             running(self.store.path if batches and self.store.keeps else None) as is_alone,

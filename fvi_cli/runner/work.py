@@ -11,8 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from fvi_cli.integrator.integrate import batch_kind
-from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.records.inputs import inputs_in, keep_numbers
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.identity import identity_of, reference_identity_of
@@ -97,45 +95,29 @@ def _pack(run: Run) -> int:
     return -1 if run.member is None else run.member.number // most
 
 
-@functools.lru_cache(maxsize=64)
 def one_by_one_words(experiment: Experiment) -> str:
     """Why members of a sweep are integrated one by one; empty where they are a batch."""
-    scene, steps = experiment.problem.scene, max(experiment.steps, default=1)
-    if not experiment.members or scene is None:
-        return ""
-    if experiment.accuracy is not None:
-        reason = "a tolerance chooses steps for each"
-    elif experiment.observations.impacts:
-        reason = "impacts cut the steps of each"
-    elif any(
-        isinstance(one, Method) and batch_kind(scene, one, steps) for one in experiment.methods
-    ):
-        return ""
-    else:
-        reason = "their steps have too many unknowns, or the method takes single scenes"
-    return f"{len(experiment.members)} members are integrated one by one: {reason}"
+    reason = "impacts cut" if experiment.observations.impacts else ""
+    reason = "a tolerance chooses" if experiment.accuracy is not None else reason
+    return f"members are integrated one by one: {reason} the steps of each" * bool(reason)
 
 
 def compute(batch: Batch) -> bytes:
     """The part of a batch."""
+    first = batch.runs[0]
+    is_pack = first.member is not None and not one_by_one_words(first.experiment)
+    groups = [batch.runs] if is_pack else [(run,) for run in batch.runs]
     with warnings.catch_warnings():
         # overflows need no warning: the status of a run reports them
         warnings.simplefilter("ignore", RuntimeWarning)
         if batch.is_reference:
             return references_part_of(batch.runs, refined_references(batch.runs))
-        groups: dict[tuple[object, ...], list[Run]] = {}
-        for run in batch.runs:
-            alone = run if run.member is None or run.is_search else None
-            groups.setdefault((run.experiment, run.method, run.n_steps, alone), []).append(run)
-        asked = [run for own in groups.values() for run in own]
         finished = [
             one
-            for own in groups.values()
-            for one in execute_batch(
-                own, [batch.references.get(run) for run in own], log=_logger.debug
-            )
+            for own in groups
+            for one in execute_batch(own, list(map(batch.references.get, own)), log=_logger.debug)
         ]
-    return part_of(asked, finished)
+    return part_of(batch.runs, finished)
 
 
 # --- other processes ------------------------------------------------------------------------------
