@@ -91,8 +91,3 @@ def build_scene(specification: Mapping[str, Any]) -> Scene:
         As :func:`build_problem`; also for ``fractional-derivative``, which is no scene.
     """
     return read_problem(specification).build_scene()
-
-
-def kind_title(name: str) -> str:
-    """The title of a kind in figures; an unknown name is its own title."""
-    return (KINDS[name].title or name.replace("-", " ")) if name in KINDS else name

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -16,8 +15,7 @@ from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
 from fvi_cli.plotting.style import method_words
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import with_unit
-from fvi_cli.scenes.problem import DerivativeProblem, Problem
-from fvi_cli.scenes.registry import kind_title
+from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.cost import CostRow, CostTable
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.norms import Norm
@@ -36,9 +34,8 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
 
     Methods without a degree of their own, such as Gauss, are in every panel of their experiment.
     """
-    title = _title if len(studies) == 1 else operator.attrgetter("name")
     panels = [
-        _ladder(experiment, own, title=", ".join(filter(None, [title(experiment), degree])))
+        _ladder(experiment, own, title=", ".join(filter(None, [experiment.name, degree])))
         for experiment, finished in studies
         for degree, own in by_degree(finished).items()
     ]
@@ -141,16 +138,6 @@ def _error_label(experiment: Experiment) -> str:
         return with_unit(label, units, "length")
     has_unit = {"length", "time"} <= units.keys()
     return rf"{label} ({units['length']} {units['time']}$^{{1/2}}$)" if has_unit else label
-
-
-def _title(experiment: Experiment) -> str:
-    """Kind and damping orders of an experiment."""
-    problem = experiment.problem
-    if problem.kind == "lagrangian" or not isinstance(problem, Problem):
-        return experiment.name
-    orders = dict.fromkeys(fraction_in_words(term.order) for term in problem.scene.damping)
-    words = rf", $\gamma = {', '.join(orders)}$" if orders else ""
-    return f"{kind_title(problem.kind)}{words}"
 
 
 def saturation_figure(studies: Sequence[Study]) -> Figure:

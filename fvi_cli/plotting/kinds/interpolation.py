@@ -9,12 +9,11 @@ from matplotlib.figure import Figure
 from fvi_cli.integrator.method import RuleSpecification
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
-from fvi_cli.plotting.draw import SMALL, figure, lines
+from fvi_cli.plotting.draw import figure, lines
 from fvi_cli.plotting.panels import Curve, Panel
 from fvi_cli.plotting.style import COLOURS, GREY, INK, PALE, Look
 
 _N_STEPS, _DEGREE = 3, 2
-_HIGHEST = 1.45
 
 
 def interpolation_figure() -> Figure:
@@ -26,67 +25,46 @@ def interpolation_figure() -> Figure:
     """
     nodes = RuleSpecification(points=_DEGREE).build().nodes
     basis, tau = lobatto_basis(_DEGREE), np.linspace(0.0, 1.0, 101)
-    control = basis.control_points
+    control, steps = basis.control_points, np.arange(_N_STEPS)[:, None]
     # arbitrary values, which make the kinks at the nodes visible
     main = _motion(np.arange(_N_STEPS + 1.0)) + np.array([-0.07, 0.12, -0.1, 0.06])
-    values = _motion(np.arange(_N_STEPS)[:, None] + control) + np.array([[0.1], [-0.17], [0.2]])
+    values = _motion(steps + control) + np.array([[0.1], [-0.17], [0.2]])
     values[:, 0], values[:, -1] = main[:-1], main[1:]
     time = np.linspace(-0.12, _N_STEPS + 0.12, 301)
     dashed = Look(colour=GREY, dashes=(0, (4, 2)), width=1.1)
     curves = [Curve(x=time, y=_motion(time), label="$x(t)$", look=dashed)]
-    piece = Look(colour=COLOURS[0], width=1.5)
-    at_points = values @ basis.values(nodes)
-    for step, own in enumerate(values):
-        label = "$x_d(t)$, degree $s = 2$" * (step == 0)
-        curves.append(Curve(x=step + tau, y=own @ basis.values(tau), label=label, look=piece))
-    places = np.arange(_N_STEPS)[:, None] + nodes
-    for x, y, label, colour, marker in (
-        (places, at_points, "quadrature points", COLOURS[2], "x"),
-        (np.arange(_N_STEPS) + control[1], values[:, 1], "inner control points", COLOURS[4], "o"),
-        (np.arange(_N_STEPS + 1.0), main, "control points at nodes", COLOURS[1], "o"),
+    for x, y in zip(steps + tau, values @ basis.values(tau), strict=True):
+        look = Look(colour=COLOURS[0], width=1.5)
+        curves.append(Curve(x=x, y=y, label="$x_d(t)$, degree $s=2$", look=look))
+    names = ("$x_k=x_k^0$", "$x_k^1$", "$x_k^2=x_{k+1}$")
+    named = [(1 + x, y, name) for x, y, name in zip(control, values[1], names, strict=True)]
+    for x, y, label, colour, marker, marks in (
+        (steps + nodes, values @ basis.values(nodes), "quadrature points", 2, "x", []),
+        (steps + control[1], values[:, 1], "inner control points", 4, "o", named[1:2]),
+        (np.arange(_N_STEPS + 1.0), main, "control points at nodes", 1, "o", named[::2]),
     ):
-        look = Look(colour=colour, marker=marker, width=0, size=5.0)
-        curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look))
-
-    def sketch(axes: Axes, panel: Panel) -> None:
-        lines(axes, panel)
-        _dress(axes, places, at_points)
-        _name_points(axes, nodes, control, values[1])
-
-    panel = Panel(curves=curves, xlim=(-0.2, _N_STEPS + 0.2), ylim=(0.0, _HIGHEST))
-    return figure([panel], sketch, height=2.5)
+        look = Look(colour=COLOURS[colour], marker=marker, width=0, size=5.0)
+        curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look, marks=marks))
+    for start, length, height, name, shade in (
+        (0.0, 1.0, 0.12, "$h$", INK),
+        (1.0, nodes[0], 0.12, "$c_1h$", COLOURS[2]),
+        (1.0, nodes[1], 0.27, "$c_2h$", COLOURS[2]),
+    ):
+        look = Look(colour=shade, marker="|", width=0.8, size=4.0)
+        ends, end = np.array([start, start + length]), (start + length, height, name)
+        curves.append(Curve(x=ends, y=np.full(2, height), look=look, marks=[end]))
+    return figure([Panel(curves=curves, ylim=(0.0, None))], _sketch, height=2.5)
 
 
 def _motion(time: Array) -> Array:
     return np.asarray(0.85 + 0.27 * np.sin(1.9 * time - 0.6) + 0.03 * time)
 
 
-def _name_points(axes: Axes, nodes: Array, control: Array, values: Array) -> None:
-    """Label the points of the second step."""
-    for index, node in enumerate(nodes, start=1):
-        _measure(axes, (1.0, 1.0 + node), 0.02 + 0.15 * index, f"$c_{{{index}}}h$", COLOURS[2])
-    names = ("$x_k = x_k^0$", "$x_k^1$", "$x_k^2 = x_{k+1}$")
-    for index, (place, value) in enumerate(zip(control, values, strict=True)):
-        offset = (4, 8) if index == 0 else (-3, -9)
-        words = axes.annotate(names[index], (1 + place, value), offset, textcoords="offset points")
-        words.set(fontsize=SMALL, ha="left" if index == 0 else "right", va="center")
-
-
-def _measure(axes: Axes, ends: tuple[float, float], height: float, words: str, colour: str) -> None:
-    """Draw an arrow between two times with the name of its length."""
-    arrow = {"arrowstyle": "<->", "linewidth": 0.7, "color": colour, "shrinkA": 0, "shrinkB": 0}
-    axes.annotate(
-        "", (ends[0], height), (ends[1], height), arrowprops=arrow | {"mutation_scale": 7}
-    )
-    text = axes.text(sum(ends) / 2, height + 0.02, words, ha="center", va="bottom", color=colour)
-    text.set_fontsize(SMALL)
-
-
-def _dress(axes: Axes, places: Array, at_points: Array) -> None:
-    """Reduce the axes to the time with its grid, and mark the length of one step."""
+def _sketch(axes: Axes, panel: Panel) -> None:
+    """Lines over an axis of time with the grid of steps."""
+    lines(axes, panel)
     axes.spines["left"].set_visible(False)
     axes.tick_params(left=False, labelleft=False)
     axes.set_xticks(range(_N_STEPS + 1), ["$t_{k-1}$", "$t_k$", "$t_{k+1}$", "$t_{k+2}$"])
-    axes.vlines(places.ravel(), 0.0, at_points.ravel(), COLOURS[2], ":", linewidth=0.6, zorder=1)
-    axes.vlines(range(_N_STEPS + 1), 0.0, _HIGHEST, PALE, linewidth=0.5, zorder=0)
-    _measure(axes, (0.0, 1.0), 0.17, "$h$", INK)
+    for node in range(_N_STEPS + 1):
+        axes.axvline(node, color=PALE, linewidth=0.5, zorder=0)

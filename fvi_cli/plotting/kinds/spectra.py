@@ -49,20 +49,16 @@ def modes_figure(tables: Sequence[ModeTable]) -> Figure:
     for place, (table, words) in enumerate(zip(tables, names, strict=True)):
         hertz = np.array([mode.hertz for mode in table.modes])
         ratio = 100.0 * np.array([mode.damping_ratio for mode in table.modes])
-        stems = np.stack([0.0 * ratio, ratio, np.full(ratio.size, np.nan)], axis=1).ravel()
-        colour = cycled(place).colour
-        stem = Curve(x=np.repeat(hertz, 3), y=stems, look=Look(colour=colour, width=0.9))
         numbers = enumerate(zip(hertz, ratio, strict=True), start=1)
         marks = [(float(x), float(y), str(number)) for number, (x, y) in numbers]
         marks = marks[: _MOST_NUMBERED * (len(tables) == 1)]
-        dot = Curve(x=hertz, y=ratio, **{**words, "look": dots(colour, 3.5)}, marks=marks)
-        curves += [replace(stem, by=dot.by), dot]
+        look = dots(cycled(place).colour, 3.5)
+        curves.append(Curve(x=hertz, y=ratio, **{**words, "look": look}, marks=marks))
     panel = Panel(
         curves=curves,
         x=with_unit("frequency", tables[0].units, "frequency"),
         y="damping ratio (%)",
         levels=[0.0],
-        xlim=(0.0, 1.06 * max(float(curve.x.max()) for curve in curves)),
     )
     return figure([panel], lines, height=2.0, **titles)
 

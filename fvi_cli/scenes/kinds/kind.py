@@ -84,8 +84,6 @@ class Kind(Keys):
     kind: str
     equation: ClassVar[str]
     """The equation in plain text."""
-    title: ClassVar[str] = ""
-    """The title in figures; default: the word of the kind with blanks for hyphens."""
     forces: ClassVar[tuple[str, ...]] = ("forcing",)
     """Keys of forces or of the motion of the ground; at most one of them may be given."""
     solutions: ClassVar[tuple[str, ...]] = ("exact",)

@@ -28,7 +28,6 @@ COORDINATE: Final = "u"
 class Material(Kind):
     """A law whose displacement is given."""
 
-    title = "damper on the bench"
     equation = "force = sum of g(D) u, u(t) given"
     forces = ("displacement",)
     solutions = ()

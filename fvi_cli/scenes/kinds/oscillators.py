@@ -34,7 +34,6 @@ class DampedOscillator(Forced):
 class BagleyTorvik(DampedOscillator):
     """A linear equation with damping of order 3/2, by default."""
 
-    title = "Bagley–Torvik"
     kind: Literal["bagley-torvik"] = key("Which equation.", "bagley-torvik")  # type: ignore[assignment]
 
     @model_validator(mode="before")
