@@ -101,8 +101,9 @@ def reference_in_words(source: str) -> str:
 
 def _blocks(title: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
     """The slopes of all experiments; of each its setting, errors and remarks."""
-    if len({table.experiment for table in tables}) > 1:
-        yield _slopes(title, [table for table in tables if not table.swept])
+    alone = [table for table in tables if not table.swept]
+    if len(alone) > 1:
+        yield _finest(title, alone)
     for name, group in itertools.groupby(tables, key=lambda table: table.experiment):
         own = list(group)
         if name != title:
@@ -117,38 +118,41 @@ def _blocks(title: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
             yield from listed(_remarks(own[0]))
         else:
             yield f"{members_in_words([one.member for one in own if one.member is not None])}."
-            yield _members(own) if len(own) <= MOST_MEMBERS else _spread(own)
+            yield _finest(title, own) if len(own) <= MOST_MEMBERS else _spread(own)
 
 
-def _slopes(title: str, tables: Sequence[OrderTable]) -> Grid:
-    """A line for every experiment with the slopes of all methods, and the orders of its source."""
+def _finest(title: str, tables: Sequence[OrderTable]) -> Grid:
+    """A line for every table with the finest error and the slope of every method."""
     cases = {case.method.case: case.method.label for table in tables for case in table.cases}
     stated = {c.method.case for table in tables for c in table.cases if not math.isnan(c.claim)}
     return pivot(
         (
             (
-                (table.experiment.removeprefix(f"{title}-"), _orders([table]) or "-"),
+                (label_of(table.member) or table.experiment.removeprefix(f"{title}-"),),
                 case.method.case,
-                [_number(case.slope, ".2f"), _number(case.claim, "g")],
+                (_entries(case, -1)[0], _slope(case)),
             )
             for table in tables
             for case in table.cases
         ),
-        corner=("problem", "gamma"),
-        headings={case: (label, "stated")[: 1 + (case in stated)] for case, label in cases.items()},
+        corner=("member" if tables[0].swept else "problem",),
+        headings={
+            case: (label, "slope (stated)" if case in stated else "slope")
+            for case, label in cases.items()
+        },
     )
 
 
-def _orders(tables: Sequence[OrderTable]) -> str:
-    """The orders of damping in the equation."""
-    if any(one.gamma != tables[0].gamma for one in tables):
-        return "swept"
-    return ", ".join(dict.fromkeys(filter(None, tables[0].gamma.split(";"))))
+def _slope(case: OrderCase) -> str:
+    stated = "" if math.isnan(case.claim) else f" ({case.claim:g})"
+    return _number(case.slope, ".2f") + stated
 
 
 def _setting(tables: Sequence[OrderTable]) -> str:
     """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
-    table, gamma = tables[0], _orders(tables)
+    table = tables[0]
+    orders = ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
+    gamma = "swept" if any(one.gamma != table.gamma for one in tables) else orders
     rows = (row for one in tables for case in one.cases for row in case.rows)
     mark = "" if all(row.used_in_fit for row in rows) else "; in parentheses: not used by the slope"
     equation = f"`{table.equation}`; " if table.equation else ""
@@ -194,23 +198,6 @@ def _entries(case: OrderCase, k: int) -> list[str]:
 
 def _number(value: float, form: str, missing: str = "-") -> str:
     return missing if math.isnan(value) else format(value, form)
-
-
-def _members(tables: Sequence[OrderTable]) -> Grid:
-    """A line for every member with the error on the finest grid and the slope of every method."""
-    return pivot(
-        (
-            (
-                (label_of(table.member),),
-                case.method.case,
-                (_entries(case, -1)[0], _number(case.slope, ".2f")),
-            )
-            for table in tables
-            for case in table.cases
-        ),
-        corner=("member",),
-        headings={c.method.case: (c.method.label, "slope") for t in tables for c in t.cases},
-    )
 
 
 SPREAD = (
