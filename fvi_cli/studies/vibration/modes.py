@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from numpy.linalg import eigvalsh
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import as_csc, dense, negative_pivots
@@ -302,18 +303,17 @@ def count_modes(
 ) -> int | None:
     """Number of modes in a region, with their multiplicity; None: one lies on its edge."""
     # modes far below the region turn the argument evenly along it, as zeros at 0 do
-    below = 0 if stiffness.is_small else _number_below(stiffness, region.least)
+    real = stiffness.combined(stiffness.symbols(1j * region.least).real)
+    below = negative_pivots(real) if stiffness.is_sparse else int((eigvalsh(real) < 0).sum())
     if below >= stiffness.dimension:
         return None
-    # s^2d must turn by less than half a revolution per step, or whole turns are missed
-    density = 4 + (stiffness.dimension if stiffness.is_small else 0)
     corners, turns = region.corners, 0.0
     for begin, end in zip(corners[:-1].tolist(), corners[1:].tolist(), strict=True):
 
         def along(part: Array, begin: complex = begin, end: complex = end) -> ComplexArray:
             return np.asarray(begin + part * (end - begin))
 
-        parts = np.linspace(0.0, 1.0, 8 + math.ceil(density * abs(end - begin)))
+        parts = np.linspace(0.0, 1.0, 8 + math.ceil(4.0 * abs(end - begin)))
         rest = OneFunction(lambda z: _log_rest(stiffness, found, z, below))
         turns += float(changes_of_argument(rest, along, parts)[0])
     if math.isnan(turns):
@@ -330,17 +330,6 @@ def _log_rest(
     with np.errstate(divide="ignore"):
         known = np.log((s[:, None] - zeros) * (s[:, None] - zeros.conj())).sum(axis=1)
     return np.asarray(stiffness.log_determinants(s) - known - 2 * below * z)
-
-
-def _number_below(stiffness: DynamicStiffness, rate: float) -> int:
-    """Number of modes without damping that are slower than `rate`, 1/time.
-
-    It is the number of all modes if the elimination breaks down.
-    """
-    matrix = stiffness.combined(stiffness.symbols(1j * rate).real)
-    if stiffness.is_sparse:
-        return negative_pivots(matrix)
-    return int((np.linalg.eigvalsh(matrix) < 0).sum())
 
 
 def _find_missing(
