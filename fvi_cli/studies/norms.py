@@ -44,16 +44,9 @@ def round_up(bound: float) -> str:
     return f"{float(digits):.1e}"
 
 
-def point_weights(time: Array, step_size: float, every: int) -> Array:
-    """Weights of points in l2, times: the step before each of them, for the first the one after.
-
-    Of a run that keeps every n-th point, a kept point reaches half-way to its kept neighbours.
-    """
-    if every > 1:
-        gaps = np.diff(time, prepend=time[0] - step_size, append=time[-1] + step_size)
-        return np.asarray(0.5 * (gaps[:-1] + gaps[1:]))
-    gaps = np.diff(time)
-    return np.append(gaps[:1], gaps) if gaps.size else np.full(time.size, step_size)
+def point_weights(time: Array) -> Array:
+    """Weights of points in l2, times: the step before each, for the first the one after it."""
+    return np.diff(time, prepend=2 * time[0] - time[1]) if time.size > 1 else np.zeros(1)
 
 
 def error_norm(position: Array, exact: Array, weights: float | Array, norm: Norm) -> float:

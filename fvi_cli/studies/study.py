@@ -25,9 +25,6 @@ from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 DIVERGED_RATIO = 10.0
 EPSILON = float(np.finfo(float).eps)
 
-KEPT_BYTES = 2**25
-"""Runs whose points take at most so many bytes are kept whole until their error is measured."""
-
 
 def study(
     experiment: Experiment, finished: Callable[[Run], FinishedRun | None] = lambda run: None
@@ -72,7 +69,6 @@ def execute_batch(
         method,
         [run.steps for run in moving],
         observe=[run.observations for run in moving],
-        every=_thinning(runs[0]),
         diagnostics=diagnostics and isinstance(method, Method),
         with_steps=runs[0].keeps_steps,
     )
@@ -102,16 +98,6 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
     )
 
 
-def _thinning(run: Run) -> int:
-    """The number n such that every n-th point is kept in memory; above 1 to save memory.
-
-    Errors are taken over all points in memory; observed runs keep all.
-    """
-    fits = 8 * (run.n_steps + 1) * (2 * run.problem.dimension + 2) <= KEPT_BYTES
-    is_thinned = isinstance(run.method, Method) and not fits and run.observations.is_empty
-    return run.experiment.store_every if is_thinned else 1
-
-
 def prediction_of(run: Run) -> StabilityPrediction:
     """The predicted stability of a run."""
     scene = run.problem.scene
@@ -127,7 +113,7 @@ def assessed(
     trajectory = found.on_mesh or found
     exact = reference.at(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
-    weights = point_weights(trajectory.time, run.step_size, trajectory.every)
+    weights = point_weights(trajectory.time)
     errors = dict.fromkeys(NORMS, float("nan"))
     if trajectory.status != "failed":
         errors = {norm: error_norm(trajectory.position, exact, weights, norm) for norm in NORMS}

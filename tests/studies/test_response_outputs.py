@@ -72,12 +72,12 @@ def test_outputs_are_what_their_names_say_at_every_frequency(ground):
 
 def test_peaks_of_accelerations_lie_where_those_are_largest():
     (table,) = fvi.response(BUILDING, frequency="1:4:40", at=["x3", "acceleration_3"])
-    fine = np.linspace(1.0, 4.0, 6001)
-    (dense,) = fvi.response(BUILDING, frequency="1:4:6001", at=["x3", "acceleration_3"])
+    fine = np.linspace(1.0, 4.0, 1501)
+    (dense,) = fvi.response(BUILDING, frequency="1:4:1501", at=["x3", "acceleration_3"])
     for index, name in enumerate(("x3", "acceleration_3")):
         (peak,) = (one for one in table.peaks if one.at == name)
-        assert peak.hertz == pytest.approx(fine[dense.magnitude[:, index].argmax()], abs=1e-3)
-        assert peak.magnitude == pytest.approx(dense.magnitude[:, index].max(), rel=1e-5)
+        assert peak.hertz == pytest.approx(fine[dense.magnitude[:, index].argmax()], abs=2e-3)
+        assert peak.magnitude == pytest.approx(dense.magnitude[:, index].max(), rel=1e-4)
     assert table.qualities == ("displacement", "acceleration")
 
 

@@ -8,8 +8,6 @@ from spread import spread
 from stored_runs import read_back
 
 from fvi_cli.config import load_config
-from fvi_cli.studies import study
-from fvi_cli.studies.norms import point_weights
 from fvi_cli.studies.reference import Reference
 from fvi_cli.studies.study import execute, judged
 
@@ -37,31 +35,6 @@ def runs_of(tmp_path, norm, every=100, steps="[250]", more=""):
     return load_config(path).experiments[0].runs()
 
 
-def without_room(run, monkeypatch):
-    """A run of which nothing is kept but what is stored, as of those of more than 32 MB."""
-    with monkeypatch.context() as patch:
-        patch.setattr(study, "KEPT_BYTES", 0)
-        return execute(run)
-
-
-@pytest.mark.parametrize("norm", ["max", "final", "l2"])
-def test_long_runs_have_the_errors_of_the_kept_points(tmp_path, norm, monkeypatch):
-    (run,) = runs_of(tmp_path, norm)
-    whole, thin = execute(run), without_room(run, monkeypatch)
-    assert whole.trajectory.time.size == 251
-    assert np.allclose(thin.trajectory.time, [0.0, 0.4, 0.8, 1.0])
-    error = np.abs(thin.trajectory.position[:, 0] - thin.trajectory.time**4)
-    weights = np.array([0.202, 0.4, 0.3, 0.102])
-    expected = {"max": error.max(), "final": error[-1], "l2": np.sqrt((weights * error**2).sum())}
-    assert thin.error == pytest.approx(expected[norm], rel=1e-12)
-    # what is stored is thinned once, whoever did it
-    first, second = (read_back(None, finished).trajectory for finished in (whole, thin))
-    assert first.time.size == second.time.size == 4
-    assert np.allclose(first.position, second.position, atol=1e-13)
-    again = read_back(None, read_back(None, thin)).trajectory
-    assert np.array_equal(again.time, second.time)
-
-
 @spread(norm=["max", "final", "l2"], every=[7, 100, 1000], steps=["[30]", "[250]", "[999]"])
 def test_errors_do_not_depend_on_what_is_stored(tmp_path, norm, every, steps):
     whole = [execute(run).error for run in runs_of(tmp_path, norm, 1, steps)]
@@ -69,48 +42,6 @@ def test_errors_do_not_depend_on_what_is_stored(tmp_path, norm, every, steps):
     assert [one.error for one in thin] == pytest.approx(whole, rel=1e-12)
     count = thin[0].run.n_steps
     assert read_back(None, thin[0]).trajectory.time.size == 1 + -(-count // every)
-
-
-MEMBERS = """\
-name: members
-problem:
-  kind: damped-oscillator
-  damping: [{order: 0.5, coefficient: 0.3}]
-  stiffness: 1.0
-  initial: {position: 1.0}
-  final_time: 2.0
-method: {rk: gauss, degree: 2, start: none}
-ladder: {steps: [120]GRADED}
-store: {every: EVERY}
-report: {norm: NORM}
-SWEEP
-"""
-
-
-@spread(
-    norm=["max", "l2"], graded=["", ", grading: 2"], sweep=["", "problem.stiffness: [1.0, 2.0]"]
-)
-def test_graded_meshes_and_sweeps_too(tmp_path, norm, graded, sweep):
-    found = []
-    for every in (1, 50):
-        text = MEMBERS.replace("NORM", norm).replace("EVERY", str(every))
-        text = text.replace("GRADED", graded)
-        path = tmp_path / "members.yaml"
-        path.write_text(text.replace("SWEEP", f"sweep: {{{sweep}}}" if sweep else ""))
-        found.append([execute(run).error for run in load_config(path).experiments[0].runs()])
-    assert found[1] == pytest.approx(found[0], rel=1e-12)
-    assert min(found[0]) > 0
-
-
-def test_weights_of_kept_points_are_the_integral_of_all(tmp_path, monkeypatch):
-    """The control: to their own accuracy; with weights of every h each it was 15 times as large."""
-    (run,) = runs_of(tmp_path, "l2", 5)
-    whole, thin = execute(run).error, without_room(run, monkeypatch).error
-    assert thin == pytest.approx(whole, rel=0.02)
-    time = np.linspace(0.0, 1.0, 31)
-    kept = time[[0, 30]]
-    assert point_weights(kept, 1 / 30, 1000).sum() == pytest.approx(1 + 1 / 30)
-    assert point_weights(time, 1 / 30, 1) == pytest.approx(1 / 30)
 
 
 JUMPS = """\

@@ -59,7 +59,7 @@ def run_for_tolerance(
     error, reference, exact = known.estimate, "a second run, an estimate", run.problem.exact
     if exact is not None:
         measured = found if norm == "l2" else trajectory
-        weights = point_weights(measured.time, found.step_size, 1)
+        weights = point_weights(measured.time)
         error = error_norm(measured.position, exact(measured.time), weights, norm)
         reference = run.problem.exact_source
         if known.outcome == "met" and not error <= known.tolerance:

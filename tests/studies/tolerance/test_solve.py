@@ -72,6 +72,7 @@ def test_a_tolerance_below_what_round_off_leaves_says_where():
     assert error(run, separatrix) <= 5.0 * run.error_estimate
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("potential", ["abs(x)", "max(x, -x)", "x - 2*min(x, 0)"])
 def test_kinks(potential):
     run = fvi.solve(
