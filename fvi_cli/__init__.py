@@ -22,7 +22,8 @@ def __getattr__(name: str) -> Any:
     if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}") is None:
         api = importlib.import_module("fvi_cli.api")
         if name in api.__all__:
-            return getattr(api, name)
+            # the next use finds it without this function
+            return globals().setdefault(name, getattr(api, name))
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

@@ -32,9 +32,8 @@ from fvi_cli.mathematics.chebyshev import (
 from fvi_cli.mathematics.expressions import Expression
 
 Values = Mapping[str, Array | float]
-Variables = Callable[[Places, Array, bool], Values]
-"""From steps and places, and whether these are starts of runs, to the variables of a formula:
-numbers, or arrays in the shape of the places."""
+Variables = Callable[[Places, Array], Values]
+"""From steps and places to the variables of a formula: numbers, or arrays in the shape of these."""
 
 POINTS = 17  # Chebyshev points of a piece
 AT_A_TIME = 2048  # steps that are divided together
@@ -55,57 +54,43 @@ class FormulaAlong:
 
     expression: Expression
     variables: Variables
-    # parameters of the members of steps, which have no round-off
-    parameters: Callable[[Places], Values] = lambda steps: {}
     width: int = 1  # numbers that are held for every place
 
     def __call__(self, steps: Places, tau: Array) -> Array:
         """Values at places: steps and tau ``(n,)``, or ``(n, 1)`` and ``(n, k)``."""
-        return self._evaluate(steps, tau)[0]
+        values = np.empty(tau.shape)
+        for own in self._slices(tau):
+            values[own] = self._values(tau[own], self.variables(steps[own], tau[own]))
+        return values
 
     def with_noise(self, steps: Places, tau: Array) -> tuple[Array, Array]:
-        """Values at k places in each step, ``(n, k)``, and their round-off there, ``(n,)``."""
-        return self._evaluate(steps, tau, has_noise=True)
+        """Values at k places in each step, ``(n, k)``, and their round-off there, ``(n,)``.
 
-    def at_starts(self, steps: Places) -> tuple[Array, Array]:
-        """Values at the start of runs, by their first steps, and their round-off, ``(n,)``."""
-        tau = np.zeros(steps.size)
-        variables = self.variables(steps, tau, True)
-        return self._values(steps, tau, variables), self._noise(steps, tau, variables)
+        The round-off is how far a value moves where each variable moves by its own.
+        """
+        values, noise, middle = np.empty(tau.shape), np.zeros(len(tau)), tau.shape[1] // 2
+        for own in self._slices(tau):
+            variables = self.variables(steps[own], tau[own])
+            values[own] = self._values(tau[own], variables)
+            alone = {
+                name: np.broadcast_to(one, tau[own].shape)[:, middle] if np.ndim(one) else one
+                for name, one in variables.items()
+            }
+            with np.errstate(all="ignore"):
+                for name in self.expression.names & alone.keys():
+                    for factor in (1.0 - ULPS, 1.0 + ULPS):
+                        moved = {**alone, name: alone[name] * factor}
+                        change = self._values(tau[own, middle], moved) - values[own, middle]
+                        noise[own] += np.abs(change)
+        return values, np.where(np.isfinite(noise), noise, 0.0)
 
-    def _evaluate(
-        self, steps: Places, tau: Array, *, has_noise: bool = False
-    ) -> tuple[Array, Array]:
-        """Values and round-off, of so many places at a time that variables take little memory."""
-        values, noise = np.empty(tau.shape), np.zeros(len(tau))
+    def _slices(self, tau: Array) -> Iterator[slice]:
+        """So many places at a time that variables take little memory."""
         count = max(AT_ONCE // (max(self.width, 1) * max(tau[:1].size, 1)), 1)
-        for first in range(0, len(tau), count):
-            own = slice(first, first + count)
-            variables = self.variables(steps[own], tau[own], False)
-            values[own] = self._values(steps[own], tau[own], variables)
-            if has_noise:
-                middle = tau.shape[1] // 2
-                alone = {
-                    name: np.broadcast_to(one, tau[own].shape)[:, middle] if np.ndim(one) else one
-                    for name, one in variables.items()
-                }
-                noise[own] = self._noise(steps[own, 0], tau[own, middle], alone)
-        return values, noise
+        return (slice(first, first + count) for first in range(0, len(tau), count))
 
-    def _values(self, steps: Places, tau: Array, variables: Values) -> Array:
-        found = self.expression.evaluate({**self.parameters(steps), **variables})
-        return np.array(np.broadcast_to(found, tau.shape))
-
-    def _noise(self, steps: Places, tau: Array, variables: Values) -> Array:
-        """How far values move where each variable moves by its round-off."""
-        noise = np.zeros(tau.shape)
-        with np.errstate(all="ignore"):
-            at = self._values(steps, tau, variables)
-            for name in self.expression.names & variables.keys():
-                for factor in (1.0 - ULPS, 1.0 + ULPS):
-                    moved = {**variables, name: variables[name] * factor}
-                    noise += np.abs(self._values(steps, tau, moved) - at)
-        return np.where(np.isfinite(noise), noise, 0.0)
+    def _values(self, tau: Array, variables: Values) -> Array:
+        return np.array(np.broadcast_to(self.expression.evaluate(variables), tau.shape))
 
 
 class Pieces(NamedTuple):
@@ -190,8 +175,8 @@ def find_events(along: FormulaAlong, owner: Places, direction: str) -> tuple[Pla
     step, place, value = (np.concatenate(one) for one in zip(*found, strict=True))
     # values at the start of a run that are round-off are zero
     starts = np.flatnonzero((place == 0.0) & np.insert(np.diff(owner) != 0, 0, True)[step])
-    first, noise = along.at_starts(step[starts])
-    value[starts[np.abs(first) <= noise]] = 0.0
+    first, noise = along.with_noise(step[starts, None], place[starts, None])
+    value[starts[np.abs(first[:, 0]) <= noise]] = 0.0
     signed = np.flatnonzero(np.isfinite(value) & (value != 0.0))
     left, right = signed[:-1], signed[1:]
     sign = np.sign(value)
@@ -238,39 +223,29 @@ def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
 
 
 def find_extents(motion: Motion, along: FormulaAlong, ends: Sequence[float]) -> list[Extent]:
-    """Extents of a formula for every member, up to a time of its own.
-
-    At the start the velocity is the one that is given: behind a singular start the polynomial of
-    the first step is far from it.
-    """
+    """Extents of a formula for every member, up to a time of its own."""
     q, size, ending = len(motion.scenes), motion.step_size, np.asarray(ends)[motion.owner]
     steps = np.flatnonzero(motion.begin < ending)
     until = np.where(motion.end > ending, (ending - motion.begin) / size, 1.0)
     least, greatest = np.full(q, math.inf), np.full(q, -math.inf)
-    square, length = np.zeros(q), np.zeros(q)
-    begins = motion.firsts[:-1]
-    with np.errstate(all="ignore"):
-        starts, _ = along.at_starts(begins)
-    every = [(begins, np.zeros(q), starts)]
+    square, length, every = np.zeros(q), np.zeros(q), []
     for found in divide(along, steps, until[steps]):
-        owner = motion.owner[found.step]
+        owner, infinite = motion.owner[found.step], np.isinf(found.values)
         square += np.bincount(owner, size[found.step] * found.squares, minlength=q)
+        # near an infinite value the integral of the square is not known
+        square[owner[infinite.any(axis=1)]] = math.nan
         length += np.bincount(owner, size[found.step] * (found.end - found.begin), minlength=q)
         is_finite = np.isfinite(found.values)
         np.minimum.at(least, owner, np.where(is_finite, found.values, math.inf).min(axis=1))
         np.maximum.at(greatest, owner, np.where(is_finite, found.values, -math.inf).max(axis=1))
         low, high = found.bounds
         step, place, value = found.stations(along, (low < least[owner]) | (high > greatest[owner]))
-        kept = np.isfinite(value)
+        kept = ~np.isnan(value)
         every.append((step[kept], place[kept], value[kept]))
     step, place, value = (np.concatenate(one) for one in zip(*every, strict=True))
-    # near an infinite start the integral of the square is not known
-    square[np.isinf(starts)] = math.nan
-    order = np.argsort(motion.owner[step], kind="stable")
-    order = order[~np.isnan(value[order])]
-    edges = np.searchsorted(motion.owner[step[order]], np.arange(1, q))
+    edges = np.searchsorted(motion.owner[step], np.arange(1, q))
     extents = []
-    for k, own in enumerate(np.split(order, edges)):
+    for k, own in enumerate(np.split(np.arange(step.size), edges)):
         if not own.size:
             extents.append(Extent())
             continue

@@ -239,7 +239,7 @@ class Bouncing:
         """The gap along a step."""
         basis = lobatto_basis(self._degree)
 
-        def variables(_: Places, tau: Array, is_start: bool) -> dict[str, Array | float]:
+        def variables(_: Places, tau: Array) -> dict[str, Array | float]:
             moved = np.tensordot(basis.values(tau.ravel())[1:], path.unknowns, axes=(0, 0))
             position = path.position + path.size * moved.reshape(*tau.shape, -1)
             return surface.values(position, path.begin + tau * path.size)

@@ -101,9 +101,17 @@ class Motion:
         return self.path(("position", columns), [_chosen(columns)] * len(self.steps), steps, tau)
 
     def velocity(self, steps: Places, tau: Array, columns: Columns | None = None) -> Array:
-        """Velocities, shape ``(n, d)``."""
+        """Velocities, shape ``(n, d)``; at the start of runs those that are given.
+
+        Behind a singular start the polynomial of the first step is far from these.
+        """
         take, key = _chosen(columns), ("velocity", columns)
-        return self.series(key, lambda: [take(one.velocity) for one in self.steps], steps, tau)
+        found = self.series(key, lambda: [take(one.velocity) for one in self.steps], steps, tau)
+        owner = self.owner[steps]
+        starts = (tau == 0.0) & (steps == self.firsts[owner])
+        given = take(np.array([one.initial_velocity for one in self.scenes]))
+        found[starts] = given[np.broadcast_to(owner, tau.shape)[starts]]
+        return found
 
     def path(self, key: Hashable, takes: Sequence[Take], steps: Places, tau: Array) -> Array:
         """Linear maps of the positions of every member, ``(n, c)``, by a key of their own."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.integrator.observe.along import FormulaAlong, Values, find_events, find_extents
+from fvi_cli.integrator.observe.along import FormulaAlong, find_events, find_extents
 from fvi_cli.integrator.observe.dampers import (
     check_forces,
     damper_along,
@@ -82,31 +82,24 @@ class Observer:
             is_work = kinds.get(name) == "work"
             for one in self.motion.scenes:
                 check_forces(one, name, is_work=is_work, has_impacts=bool(request.impacts))
-        used = [name for name in request.parameters if name in names]
-        every = {name: np.array([one.parameters[name] for one in self.requests]) for name in used}
-        fixed = {name: float(one[0]) for name, one in every.items() if (one == one[0]).all()}
-        owner = self.motion.owner
-
-        def parameters(steps: Places) -> Values:
-            varied = every.keys() - fixed.keys()
-            return {**fixed, **{name: every[name][owner[steps]] for name in varied}}
-
         width = len(names)
         if forces:
             width += scene.dimension ** (1 if scene.lagrangian is None else 2)
-        return FormulaAlong(expression, partial(self.variables, expression), parameters, width)
+        return FormulaAlong(expression, partial(self.variables, expression), width)
 
     def variables(
-        self, expression: Expression, steps: Places, tau: Array, is_start: bool = False
+        self, expression: Expression, steps: Places, tau: Array
     ) -> dict[str, Array | float]:
-        """The variables of an expression at places, except the parameters.
+        """The variables of an expression at places.
 
-        Steps and places are ``(n,)`` both, or ``(n, 1)`` and ``(n, k)``. At the start of runs
-        velocities are those that are given.
+        Steps and places are ``(n,)`` both, or ``(n, 1)`` and ``(n, k)``.
         """
         motion, request, names = self.motion, self.requests[0], expression.names
         flat = np.broadcast_to(steps, tau.shape).ravel(), tau.ravel()
         values: dict[str, Array | float] = {}
+        for name in names & request.parameters.keys():
+            every = np.array([one.parameters[name] for one in self.requests])
+            values[name] = every[motion.owner[steps]] if np.ptp(every) else float(every[0])
         wanted: dict[str, dict[str, int]] = {}
         for name, (prefix, index) in request.derived.items():
             if name in names:
@@ -116,16 +109,13 @@ class Observer:
             if prefix in ("a", "d"):
                 compute = motion.acceleration if prefix == "a" else motion.damping
                 found = compute(*flat, columns).reshape(*tau.shape, len(columns))
-            elif is_start and prefix:
-                given = np.array([one.initial_velocity for one in motion.scenes])
-                found = given[motion.owner[steps]][..., list(columns)]
             else:
                 found = (motion.velocity if prefix else motion.position)(steps, tau, columns)
             values |= {name: found[..., columns.index(index)] for name, index in own.items()}
         inputs = names.intersection(request.inputs)
         if inputs or "t" in names:
             values.setdefault("t", motion.time(steps, tau))
-        for name in names.intersection(self._dampers) - values.keys() - request.parameters.keys():
+        for name in names.intersection(self._dampers) - values.keys():
             values[name] = damper_along(motion, self._dampers[name], *flat).reshape(tau.shape)
         for name in inputs:
             row, time = np.zeros(tau.size), motion.time(*flat)
@@ -167,13 +157,10 @@ class Observer:
             ends.append(end)
             at.append(motion.located(k, asked[asked <= end * (1.0 + 1e-12)]))
         steps, tau = (np.concatenate(one) for one in zip(*at, strict=True))
-        starts = (tau == 0.0) & np.isin(steps, motion.firsts[:-1])
         rows, extents = dict[str, list[Array]](), dict[str, list[Extent]]()
         for name, expression in first.quantities.items():
             along = self.along(expression)
-            row = along(steps, tau)
-            row[starts] = along.at_starts(steps[starts])[0]
-            rows[name] = [own for (own,) in self._split(steps, row)]
+            rows[name] = [own for (own,) in self._split(steps, along(steps, tau))]
             extents[name] = find_extents(motion, along, ends)
         points: list[list[Array]] = [[]] * len(runs)
         is_cut = [end < run.time[-1] for end, run in zip(ends, motion.steps, strict=True)]

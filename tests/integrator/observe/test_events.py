@@ -52,7 +52,7 @@ def test_places_are_roots_to_round_off_of_the_step():
     rng = np.random.default_rng(3)
     roots = np.sort(rng.uniform(0.0, 1.0, (200, 3)), axis=1)
 
-    def variables(step: np.ndarray, tau: np.ndarray, is_start: bool) -> dict[str, np.ndarray]:
+    def variables(step: np.ndarray, tau: np.ndarray) -> dict[str, np.ndarray]:
         return {"t": tau, **{name: roots[step, k] for k, name in enumerate("abc")}}
 
     formula = Expression.parse("(t - a)*(t - b)*(t - c)", variables=("t", *"abc"))
