@@ -10,11 +10,9 @@ import pytest
 from letters import in_pieces, spring, swing
 from oracles.linear_response import match_scene
 from spread import spread
-from written_out import every_lag_written_out
 
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.scenes.records.inputs import keep_numbers
 from fvi_cli.scenes.registry import build_problem
 
 GAUSS2 = Method(cq="gauss", degree=2, start="none")
@@ -112,11 +110,6 @@ def test_energy_balance_of_kicks_is_exact_beyond_one_mass_one_term_and_jumps():
         assert np.abs(found.energy_defect).max() < 5e-14 * np.abs(found.forcing_work).max()
 
 
-def test_energy_balance_is_exact_with_several_matrices_and_jumps():
-    found = diagnosed(two_masses(), GAUSS2, 64)
-    assert np.abs(found.energy_defect).max() < 1e-14 * np.abs(found.forcing_work).max()
-
-
 @spread(
     method=[GAUSS2_GRADED, GAUSS3_GRADED],
     scene=[
@@ -154,31 +147,6 @@ def test_energy_defect_falls_with_the_order_of_the_method(name, scene, method, s
         np.abs(diagnosed(scene, method, n).energy_defect).max() for n in (steps, 2 * steps)
     )
     assert abs(np.log2(coarse / fine) - order) < 0.2, name
-
-
-def test_a_graded_start_takes_the_forcing_as_the_scheme_does():
-    """A force with kinks inside of the steps costs accuracy, but not the balance."""
-    knots = np.arange(57.0)
-    samples = np.column_stack([knots / 7, (-1) ** knots * (knots % 5)])
-    scene = scene_of(
-        kind="frame",
-        storeys=2,
-        stiffness=10.0,
-        dampers=[{"order": 0.5, "coefficient": 0.5}],
-        ground_acceleration={
-            "file": "made.csv",
-            "column": "a",
-            "time": "time",
-            "interpolation": "linear",
-            "digest": keep_numbers(samples),
-        },
-        initial={"position": [0.1, 0.0], "velocity": 0.0},
-        final_time=8.0,
-    )
-    trajectory = integrate(scene, GAUSS3_GRADED, 600, diagnostics=True)
-    found = trajectory.diagnostics
-    assert np.abs(found.energy_defect).max() < 1e-9
-    assert found.forcing_work[-1] > 0.05
 
 
 @pytest.mark.parametrize("order", [0.5, 1.5])
@@ -219,38 +187,6 @@ def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
     thin = integrate(scene, GAUSS3_GRADED, 256, every=100, diagnostics=asked)
     assert thin.time.size == thin.diagnostics.energy_defect.size == 4
     assert thin.diagnostics.dissipated_work[-1] == with_more.diagnostics.dissipated_work[-1]
-
-
-def works(scene, method, n_steps):
-    found = integrate(scene, method, n_steps, diagnostics=True)
-    return found, np.stack(
-        [
-            found.diagnostics.dissipated_work,
-            found.diagnostics.forcing_work,
-            found.diagnostics.energy_defect,
-        ]
-    )
-
-
-@spread(
-    method=[NODES, POINTS],
-    scene=[
-        oscillator(0.5),
-        oscillator(1.0),
-        two_masses(),
-        two_masses("riemann-liouville"),
-        pendulum(),
-    ],
-)
-def test_balances_are_the_same_by_blocks_and_by_single_steps(scene, method):
-    by_blocks, found = works(scene, method, 200)
-    with every_lag_written_out():
-        by_steps, expected = works(scene, method, 200)
-    scale = np.abs(expected).max()
-    assert np.abs(found - expected).max() <= 1e-13 * scale
-    assert np.abs(by_blocks.position - by_steps.position).max() <= 1e-12
-    # the sums are told apart at this size
-    assert np.abs(found[:, 1:] - expected[:, :-1]).max() > 1e-6 * scale
 
 
 @spread(

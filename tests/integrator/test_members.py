@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
-from written_out import every_lag_written_out
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.prony import prony
@@ -94,28 +93,6 @@ def test_laws_with_rates_of_their_own_stand_apart():
     assert companions(scenes, GRADED3, 24) == [4] * 8
 
 
-@pytest.mark.parametrize(
-    "method",
-    [
-        replace(BDF2, start="weights", start_exponents=(1.0,)),
-        Baseline(name="implicit-euler"),
-    ],
-    ids=lambda method: method.case,
-)
-def test_methods_that_take_members_one_by_one(method):
-    for scene, one in zip(
-        springs(4, 0.5), integrate_members(springs(4, 0.5), method, 40), strict=True
-    ):
-        assert np.array_equal(one.position, integrate(scene, method, 40).position)
-
-
-def test_more_than_are_stepped_together():
-    scenes = springs(520, 0.5)
-    whole, part = integrate_members(scenes, BDF2, 16), integrate_members(scenes[505:515], BDF2, 16)
-    for one, other in zip(whole[505:515], part, strict=True):
-        assert np.abs(one.position - other.position).max() <= 1e-13
-
-
 def falling(count: int) -> list[Scene]:
     """Beyond the hills of the potential a motion runs away in a finite time."""
     damping = [FractionalDamping(order=0.5, coefficient=0.1)]
@@ -169,41 +146,6 @@ def test_wrong_numbers_are_refused():
     with pytest.raises(ValueError, match="every: 0 is not allowed"):
         integrate_members(springs(2), BDF2, 8, every=0)
     assert integrate_members([], BDF2, 8) == []
-
-
-# --- routes that are chosen by size or speed ------------------------------------------------------
-
-
-def difference(scene: Scene, method: Method, n_steps: int) -> float:
-    """Of positions, relative, to the sum written out."""
-    blocks = integrate(scene, method, n_steps)
-    with every_lag_written_out():
-        direct = integrate(scene, method, n_steps)
-    assert direct.status == blocks.status == "ok"
-    return float(np.abs(direct.position - blocks.position).max() / np.abs(direct.position).max())
-
-
-def test_a_chain_too_large_for_dense_blocks():
-    d = 300
-    stiffness = 2.0 * np.eye(d) - np.eye(d, k=1) - np.eye(d, k=-1)
-    mixed = np.diag(0.1 * (1.0 + np.arange(d) / d))
-    scene = spring((0.5, mixed), T=2.0, m=np.eye(d), k=stiffness, x=np.sin(np.arange(d)))
-    assert difference(scene, BDF2, 260) <= 1e-12
-
-
-@pytest.mark.parametrize("sampling", ["nodes", "points"])
-def test_starting_weights(sampling):
-    scene = spring((0.5, 1e-3), (1.5, 2e-3), T=3.0, k=2.0, x=0.7, v=0.4, forcing="cos(t)")
-    method = Method(
-        cq="bdf2", degree=2, sampling=sampling, start="weights", start_exponents=(1.0, 1.5)
-    )
-    assert difference(scene, method, 200) <= 1e-12
-
-
-def test_steps_too_long_for_any_block():
-    """A stiff pendulum over a few turns per step: the frozen response does not contract."""
-    scene = swing((0.5, 0.3), T=20.0, omega=6.0, x=2.0)
-    assert difference(scene, Method(cq="bdf2", degree=2), 64) <= 1e-9
 
 
 # --- steps without a solution ---------------------------------------------------------------------

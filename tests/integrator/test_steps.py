@@ -5,10 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from letters import in_pieces, spring
+from letters import spring
 from spread import spread
 
-from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.method import Baseline, Method
@@ -51,18 +50,6 @@ def test_exact_moments_of_powers(power):
         assert abs(plain[0] - moments[0]).max() > 1e-6
 
 
-def piecewise(*ends: float, final_time: float = 3.0) -> Scene:
-    parts = [part for i, end in enumerate(ends) for part in (str(i), end)]
-    return spring(T=final_time, forcing=in_pieces(*parts, str(len(ends))))
-
-
-def test_one_sided_values_at_break_points():
-    forcing = piecewise(1.0).forcing
-    values = forcing.on_steps(np.array([0.0, 1.0]), 1.0, np.array([0.0, 1.0]))
-    assert values[..., 0].tolist() == [[0.0, 0.0], [1.0, 1.0]]
-    assert forcing(np.array([1.0, 1.0 + 1e-12]))[:, 0].tolist() == [0.0, 1.0]
-
-
 @spread(name=["explicit-euler", "implicit-euler"], order=[0.5, 1.0, 1.5])
 def test_euler_is_of_order_1(name, order):
     scene = spring((order, 0.5), T=2.0, x=1.0, v=0.3)
@@ -86,19 +73,3 @@ def test_euler_with_classical_damping_is_the_textbook_scheme():
     implicit = integrate(scene, Baseline(name="implicit-euler"), 8)
     assert explicit.position[-1, 0] == pytest.approx(x, abs=1e-14)
     assert implicit.position[-1, 0] == pytest.approx(y, abs=1e-14)
-
-
-def test_final_time_is_reached_exactly():
-    scene = spring(T=0.3, x=1.0)
-    trajectory = integrate(scene, Method(cq="gauss", degree=2), 3)
-    assert trajectory.time[-1] == pytest.approx(0.3, abs=1e-16)
-    assert trajectory.time.size == 4
-
-
-@pytest.mark.parametrize("degree", [1, 3, 6])
-def test_series_of_values_at_the_points_have_these_values(degree):
-    tables = step_tables(Method(cq="gauss", degree=degree))
-    values = np.random.default_rng(degree).normal(size=tables.points.size)
-    series = tables.stages_to_series @ values
-    found = np.polynomial.chebyshev.chebval(2.0 * tables.points - 1.0, series)
-    assert found == pytest.approx(values, rel=1e-12)

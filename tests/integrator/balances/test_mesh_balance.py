@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from letters import spring, swing
+from letters import spring
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
@@ -160,18 +160,3 @@ def test_the_balance_of_works_is_exact_for_quadratic_potentials(order, forced):
     # a control: without as many Gauss points as the degree it is an approximation
     other = integrate(scene, Method(cq="lobatto-iiic", degree=4), 100, diagnostics=ASKED)
     assert 1e-13 < np.abs(other.diagnostics.energy_defect).max() < 1e-2
-
-
-def test_the_balance_of_a_pendulum_falls_with_the_order():
-    scene = swing((0.5, 0.4), T=10.0, x=1.5)
-    numbers, defects = (40, 56, 80, 112), []
-    for n in numbers:
-        method = Method(cq="gauss", degree=2, start="graded")
-        found = integrate(scene, method, n, diagnostics=ASKED)
-        defects.append(np.abs(found.diagnostics.energy_defect).max())
-    assert -np.polyfit(np.log(numbers), np.log(defects), 1)[0] == pytest.approx(4, abs=0.4)
-    adaptive = integrate(
-        scene, Method(cq="gauss", degree=8), AdaptiveSteps(tolerance=1e-8), diagnostics=ASKED
-    )
-    assert np.abs(adaptive.diagnostics.energy_defect).max() < 1e-11
-    assert rise(extended(adaptive)) < 1e-11

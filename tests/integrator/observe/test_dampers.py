@@ -1,7 +1,5 @@
 """Forces and works of single dampers, against balances and closed forms."""
 
-from dataclasses import replace
-
 import mpmath
 import numpy as np
 import pytest
@@ -11,69 +9,9 @@ import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.effects.directions import read_directions
 from fvi_cli.effects.matrices import Factored
-from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.integrator.gradients.gradient import gradient_of
-from fvi_cli.integrator.gradients.parameters import parameter_of
-from fvi_cli.integrator.gradients.quantity import quantity_at
 from fvi_cli.integrator.observe.dampers import dampers_of
-from fvi_cli.integrator.observe.request import Observations, coordinate_names, names_of
-from fvi_cli.integrator.trajectory import Trajectory
+from fvi_cli.integrator.observe.request import coordinate_names
 from fvi_cli.mathematics.expressions import Expression
-
-MATRIX = np.array([[2.0, -1.0], [-1.0, 1.0]])
-
-
-def scene(**changes: object) -> fvi.Scene:
-    given: dict[str, object] = {
-        "mass": np.eye(2),
-        "stiffness": 4.0 * MATRIX,
-        "damping": [
-            fvi.FractionalDamping(order=0.5, coefficient=np.diag([0.4, 0.0])),
-            fvi.FractionalDamping(order=1.0, coefficient=0.1 * MATRIX),
-        ],
-        "laws": (
-            fvi.fractional_zener(
-                order=0.6, time=0.4, relaxed=1.0, unrelaxed=3.0, coefficient=MATRIX
-            ),
-        ),
-        "initial_position": [1.0, 0.0],
-        "initial_velocity": [0.0, 0.7],
-        "final_time": 5.0,
-        **changes,
-    }
-    return spring(**given)
-
-
-@pytest.fixture(scope="module")
-def run() -> Trajectory:
-    works = {f"w{number}": f"work_{number}" for number in (1, 2, 3)}
-    rate = {"rate": "0.1*(2*vx1**2 - 2*vx1*vx2 + vx2**2)"}
-    return fvi.integrate(
-        scene(), "gauss4", 80, output=np.linspace(0.0, 5.0, 201), quantities={**works, **rate}
-    )
-
-
-def test_the_works_on_all_dampers_are_the_energy_that_is_lost(run):
-    found = run.observed.quantities
-    total = found["w1"] + found["w2"] + found["w3"]
-    assert abs(total[0]) < 1e-15
-    # at points of the mesh, and between them
-    assert run.energy[0] - run.energy[::5] == pytest.approx(total[::5], abs=1e-9)
-    assert run.energy[0] - run.energy == pytest.approx(total, abs=5e-6)
-    # a law gives back some of what it has stored, a dashpot nothing
-    assert np.diff(found["w3"]).min() < -1e-4
-    assert np.diff(found["w2"]).min() >= 0.0
-
-
-def test_the_work_on_a_dashpot_is_the_integral_of_its_power(run):
-    found, h = run.observed.quantities, run.time[1]
-    rate = found["rate"]
-    simpson = h / 3.0 * (rate[0:-2:2] + 4.0 * rate[1:-1:2] + rate[2::2])
-    assert found["w2"][2::2] == pytest.approx(np.cumsum(simpson), abs=2e-6)
-    assert run.observed.extents["w2"].peak == pytest.approx(found["w2"][-1], rel=1e-12)
-
-
-# --- forces and deformations ---
 
 
 def drawn(seed: int) -> fvi.Scene:
@@ -250,59 +188,3 @@ def test_a_spring_and_a_springpot_in_one_entry_are_one_damper():
     found = outcome.finished[0].trajectory.observed.extents
     assert all(found[name].peak < 1e-9 for name in "abce")
     assert found["d"].peak > 1e-2
-
-
-def test_numbers_and_names_of_dampers():
-    text = (
-        "name: a\nproblem:\n  kind: chain\n  masses: 2\n  damping:\n"
-        "  - {law: maxwell, order: 0.5, time: 1.0, modulus: 2.0, acts_on: [x2 - x1], name: top}\n"
-        "  - {order: 0.5, coefficient: 0.3}\n  dampers: [{order: 1, coefficient: 0.1}]\n"
-        "  initial: {position: [1, 0], velocity: 0}\n  final_time: 2\n"
-        "ladder: {steps: [40]}\nmethod: {rk: gauss, degree: 4}\n"
-        "quantities: {a: force_top - force_1, b: deformation_top - x2 + x1,\n"
-        "  c: force_2_1 + force_2_2, d: deformation_3_2 - x2 + x1, e: force_3_3 + 0.1*vx2,\n"
-        "  f: dx1 - force_1 + force_2_1 + force_3_1 - force_3_2}\n"
-    )
-    (outcome,) = fvi.run(parse_config(text, "a"))
-    found = outcome.finished[0].trajectory.observed.extents
-    assert all(found[name].peak < 1e-9 for name in "abdef")
-    assert found["c"].peak > 1e-2
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("seed", [2, 3])
-def test_gradients_of_forces_are_those_of_differences(seed):
-    def values(order: float, size: float) -> fvi.Scene:
-        base = drawn(seed)
-        first, *others = base.damping
-        law, *laws = base.laws
-        changed = replace(first, order=order)
-        stronger = replace(law, size=size, relaxed=law.spring, spring=0.0)
-        stiffness = base.potential.stiffness - law.spring * law.coefficient
-        return replace(
-            base,
-            damping=(changed, *others),
-            laws=(stronger, *laws),
-            potential=QuadraticPotential(stiffness=stiffness),
-        )
-
-    base = drawn(seed)
-    force, at = names_of_force(base, 2)[-1], 1.3
-    text = f"{force} + 0.5*{names_of_force(base, 0)[0]} + deformation_2_1"
-    if base.dimension == 1:
-        text = text.replace("deformation_2_1", "deformation_2")
-    point = np.array([base.damping[0].order, base.laws[0].size])
-    names = Observations(coordinates=names_of(base))
-    variations = [
-        parameter_of("order", lambda v: (values(v, point[1]), names), point[0], (base, names)),
-        parameter_of("size", lambda v: (values(point[0], v), names), point[1], (base, names)),
-    ]
-    method = fvi.method_named("gauss4")
-    found = gradient_of(base, method, 80, quantity_at(text, at), variations)
-
-    def value(parameters: np.ndarray) -> float:
-        return gradient_of(values(*parameters), method, 80, quantity_at(text, at), []).value
-
-    for index, step in enumerate(1e-4 * np.eye(2) * point):
-        difference = (value(point + step) - value(point - step)) / (2 * step[index])
-        assert found.derivatives[index] == pytest.approx(difference, rel=1e-5)

@@ -188,18 +188,3 @@ def test_what_is_infinite_at_the_start_is_infinite(order, side):
         assert np.isnan(extent.rms)
     assert found.extents["size"].greatest == np.inf
     assert np.isfinite([found.extents["v"].peak, found.extents["v"].rms]).all()
-
-
-def test_a_caputo_force_is_finite_at_the_start():
-    scene = spring((0.5, 0.3), T=4.0, m=1.0, k=1.0, x=1.0)
-    found = fvi.integrate(scene, "gauss4", 40, quantities={"d": "dx", "a": "ax"}).observed
-    assert np.isfinite([one.peak for one in found.extents.values()]).all()
-
-
-def test_a_force_that_is_infinite_at_the_start_has_its_power_behind():
-    scene = spring((0.5, 0.3), T=4.0, m=1.0, k=1.0, x=1.0, derivative="riemann-liouville")
-    run = fvi.integrate(scene, "gauss4", 40, quantities={"d": "dx"})
-    force = run.observed.quantities["d"]
-    assert np.isfinite(force[1:]).all()
-    # what the initial position adds is most of it at first
-    assert force[1] == pytest.approx(-0.3 * (np.pi * run.time[1]) ** -0.5, rel=0.2)

@@ -5,9 +5,6 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observe.along import FormulaAlong, find_events
-from fvi_cli.mathematics.brackets import bracketed_roots
-from fvi_cli.mathematics.expressions import Expression
 
 SCENE = spring(T=20.0, m=1.0, k=1.0, x=1.0)
 """x = cos(t)."""
@@ -48,23 +45,6 @@ def test_none_is_lost_where_a_step_has_two(gap):
     assert np.abs(fine.observed.events["near"].time - expected).max() < 1e-12 / np.sqrt(gap) + 1e-9
 
 
-def test_places_are_roots_to_round_off_of_the_step():
-    rng = np.random.default_rng(3)
-    roots = np.sort(rng.uniform(0.0, 1.0, (200, 3)), axis=1)
-
-    def variables(step: np.ndarray, tau: np.ndarray) -> dict[str, np.ndarray]:
-        return {"t": tau, **{name: roots[step, k] for k, name in enumerate("abc")}}
-
-    formula = Expression.parse("(t - a)*(t - b)*(t - c)", variables=("t", *"abc"))
-    step, place = find_events(FormulaAlong(formula, variables), np.zeros(200, dtype=int), "any")
-    apart = np.diff(roots, axis=1).min(axis=1) > 1e-3
-    for index in np.flatnonzero(apart):
-        own = place[step == index]
-        # the sign may change from one step to the next as well
-        inside = own[(own > 0) & (own < 1)]
-        assert np.abs(inside - roots[index]).max() < 1e-12
-
-
 def test_a_touch_is_no_crossing_and_a_root_at_a_mesh_point_is_one():
     run = _events({"touch": "x - 1.0000000001", "node": "t - 10"}, n_steps=40)
     assert run.observed.events["touch"].time.size == 0
@@ -97,14 +77,3 @@ def test_peaks_lie_between_the_points():
     mean_square = 0.5 + 0.0625 + np.sin(40.0) / 80 - 0.5 * np.sin(20.0) / 20
     assert one.rms == pytest.approx(np.sqrt(mean_square), rel=1e-8)
     assert run.observed.extents["mixed"].peak == pytest.approx(0.5, abs=1e-8)
-
-
-def test_bracketed_roots_of_hard_functions():
-    def along(step: np.ndarray, tau: np.ndarray) -> np.ndarray:
-        powers = np.array([1.0, 3.0, 9.0, 15.0])[step]
-        return np.sign(tau - 0.3) * np.abs(tau - 0.3) ** powers
-
-    step = np.arange(4)
-    left, right = np.zeros(4), np.ones(4)
-    found = bracketed_roots(along, step, left, right, along(step, left), along(step, right))
-    assert np.abs(found - 0.3).max() < 1e-12

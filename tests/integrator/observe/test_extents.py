@@ -87,15 +87,6 @@ def test_what_ends_within_a_step_is_counted_up_to_there(seed):
     assert _worst(observed, end) < 1e-6
 
 
-def test_a_stop_at_a_zero_of_the_motion_in_a_long_step():
-    observed = _observed("x", 8, 1)
-    end = 2 * math.pi / RATE
-    assert observed.events["stop"].time[0] == pytest.approx(end, abs=1e-6)
-    t = np.linspace(0.0, end, 100_001)
-    assert observed.extents["x"].greatest == pytest.approx(_x(t).max(), abs=1e-5)
-    assert observed.extents["x"].rms == pytest.approx(math.sqrt((_x(t) ** 2).mean()), rel=1e-4)
-
-
 def test_another_end_has_another_peak():
     """The control: what a step goes through behind the end is told apart."""
     observed = _observed("t - 7.3", 14, 1)

@@ -6,10 +6,8 @@ import pytest
 from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 
 TIMES = np.array([0.1, 1.0, 2.5, 5.0])
-ORDERS = np.random.default_rng(63).uniform(1.3, 1.97, 4).tolist()
 
 
 def exact(order, power, times=TIMES):
@@ -46,28 +44,6 @@ def test_velocities_and_their_gradients_behind_such_a_start():
     # the motion is linear in the velocity
     assert found.derivatives["initial_velocity"] == pytest.approx(found.value, abs=1e-9)
     assert found.value == pytest.approx(exact(1.7, 0, [2.5])[0], abs=1e-9)
-
-
-@pytest.mark.parametrize("quantity", ["ax", "dx", "force_1"])
-def test_derivatives_of_forces_above_order_1_by_a_start_velocity_are_refused(quantity):
-    """Also at rest, where the forces themselves are right."""
-    scene = spring((1.7, 0.5), T=5.0, derivative="riemann-liouville", forcing="sin(t)")
-    of = fvi.quantity_at(quantity, 2.5)
-    with pytest.raises(ValueError, match="initial_velocity: forces of Riemann-Liouville"):
-        fvi.gradient(scene, "gauss6", 40, of, ["initial_velocity"])
-    found = fvi.gradient(scene, "gauss6", 40, of)
-    assert set(found.left_out) == {"initial_position", "initial_velocity"}
-    assert fvi.gradient(scene, "gauss6", 40, fvi.position_at(2.5), ["initial_velocity"])
-
-
-@pytest.mark.parametrize("order", [1.95, 1.8, *ORDERS[:2]])
-def test_momenta_and_energies_behind_an_adaptive_start(order):
-    scene = spring((order, 0.5), T=5.0, v=1.0, derivative="riemann-liouville")
-    steps = AdaptiveSteps(tolerance=1e-8)
-    run = fvi.integrate(scene, "gauss12", steps)
-    rate, place = (exact(order, power, run.time[1:4]) for power in (1, 0))
-    assert run.momentum[1:4, 0] == pytest.approx(rate, abs=2e-3)
-    assert run.energy[1:4] == pytest.approx(0.5 * rate**2 + 0.5 * place**2, abs=2e-3)
 
 
 @pytest.mark.parametrize("quantity", ["ax", "dx", "force_1"])

@@ -8,7 +8,6 @@ Riemann-Liouville derivatives and of orders below 1 are like powers of t.
 import math
 
 import numpy as np
-import pytest
 from letters import swing
 from numpy.typing import NDArray
 from oracles.volterra import VolterraSolution, solve_volterra
@@ -106,27 +105,6 @@ def test_velocities_and_their_extents_from_the_start_on(seed):
     most = 1e-2 if is_rough(scene, terms) else 1e-6
     assert np.abs(wrong[:2] / known.scale()[1][0]).max() < most
     assert abs(wrong[2] / known.scale()[1][0]) < 1e-4
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("method", ["gauss6-graded", "gauss3-graded"])
-def test_the_velocity_at_a_stop_is_between_those_before_it(method):
-    terms = ((1.74, 0.03), (0.612, 0.4))
-    scene = swing(*terms, T=FINAL_TIME, x=-0.6, v=0.3)
-    known = oracle(scene, terms)
-    run = fvi.integrate(
-        scene,
-        method,
-        98,
-        quantities={"v": "vx"},
-        events={"there": {"when": "x + 0.45", "stop": True}},
-    )
-    end = float(run.observed.events["there"].time[0])
-    assert known.position(end)[0, 0] == pytest.approx(-0.45, abs=1e-9)
-    grid = end * np.concatenate([np.geomspace(1e-16, 1e-3, 100), np.linspace(1e-3, 1.0, 4001)])
-    found = known.velocity(grid)[:, 0]
-    assert run.observed.extents["v"].least == pytest.approx(found.min(), abs=1e-8)
-    assert run.observed.extents["v"].greatest == pytest.approx(found.max(), abs=1e-8)
 
 
 def test_a_steep_start_does_not_hide_the_velocity_that_is_given():
