@@ -43,7 +43,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Diagnostics
-from fvi_cli.mathematics.arrays import Array, Mask
+from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 PIECE = 64  # most equal steps that are computed together
@@ -167,13 +167,11 @@ def diagnose(scene: Scene, method: Method, steps: RunSteps, loads: StepLoads) ->
         damping = damping * steps.step_size[:, None, None]
         every = along.stored()
         stored = None if every is None else every[0]
-    mesh = steps.mesh(scene.break_points)
-    fresh = np.isin(steps.time[:-1], [one.begin for one in mesh.stretches if one.is_fresh])
-    added = loads_along(loads.of_weights, steps, fresh)
+    added = loads_along(loads.of_weights, steps, scene.break_points)
     if added is not None:
         damping = -added if damping is None else damping - added
-    initial = loads_along(loads.of_initial_data, steps, fresh)
-    forcing = loads_along(loads.of_forcing, steps, fresh)
+    initial = loads_along(loads.of_initial_data, steps, scene.break_points)
+    forcing = loads_along(loads.of_forcing, steps, scene.break_points)
     basis = lobatto_basis(steps.tables.degree)
     slopes = basis.derivatives(basis.control_points)[1:]
     rates = np.einsum("vj,nvd->njd", slopes, steps.unknowns)
@@ -232,26 +230,20 @@ def _running(changes: Array) -> Array:
 
 
 def loads_along(
-    of_steps: Callable[..., Array | None], steps: RunSteps, fresh: Mask
+    of_steps: Callable[..., Array | None], steps: RunSteps, breaks: Sequence[float]
 ) -> Array | None:
     """Load vectors of all steps of a run, ``(n, s + 1, d)``; None without forces.
 
-    `of_steps` is as :meth:`fvi_cli.integrator.loads.StepLoads.of_steps`; `fresh` steps
-    begin where a force may be singular, ``(n,)``.
+    `of_steps` is as :meth:`fvi_cli.integrator.loads.StepLoads.of_steps`; forces may be singular at
+    the start and at the breaks.
     """
     total: Array | None = None
-    for first, last in pieces_of_equal_steps(steps.step_size):
-        # a piece may hold several singular points: each begins a part of its own
-        inside = (first + 1 + np.flatnonzero(fresh[first + 1 : last])).tolist()
-        for begin, end in zip([first, *inside], [*inside, last], strict=True):
-            own = of_steps(
-                float(steps.time[begin]),
-                float(steps.step_size[begin]),
-                end - begin,
-                is_fresh=bool(fresh[begin]),
-            )
-            if own is not None:
-                # a force that is zero has no load vectors
-                total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
-                total[begin:end] = own
+    end = 0
+    for one in steps.mesh(breaks).stretches:
+        begin, end = end, end + one.n_steps
+        own = of_steps(one.begin, one.step_size, one.n_steps, is_fresh=one.is_fresh)
+        if own is not None:
+            # a force that is zero has no load vectors
+            total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
+            total[begin:end] = own
     return total

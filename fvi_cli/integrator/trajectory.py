@@ -239,8 +239,8 @@ class Trajectory:
         columns = {name: self.position[:, k] for k, name in enumerate(names)}
         if self.momentum is not None:
             columns |= {f"p_{name}": self.momentum[:, k] for k, name in enumerate(names)}
-        columns |= self._scalars()
-        return pandas.DataFrame(columns, index=pandas.Index(_clean(self.time), name="time"))
+        index = pandas.Index(self._clean_times(), name="time")
+        return pandas.DataFrame({**columns, **self._scalars()}, index=index)
 
     def to_xarray(self) -> Any:
         """An xarray Dataset along ``time`` and ``coordinate``: position, momentum and the others.
@@ -252,12 +252,15 @@ class Trajectory:
         """
         import xarray
 
-        found = {"position": (("time", "coordinate"), self.position)}
-        if self.momentum is not None:
-            found["momentum"] = (("time", "coordinate"), self.momentum)
+        vectors = {"position": self.position, "momentum": self.momentum}
+        found = {
+            name: (("time", "coordinate"), values)
+            for name, values in vectors.items()
+            if values is not None
+        }
         return xarray.Dataset(
             {**found, **{name: ("time", values) for name, values in self._scalars().items()}},
-            coords={"time": _clean(self.time), "coordinate": list(self._names())},
+            coords={"time": self._clean_times(), "coordinate": list(self._names())},
             attrs={"status": self.status, "n_steps": self.n_steps},
         )
 
@@ -267,6 +270,10 @@ class Trajectory:
         if len(self.coordinates) == d:
             return self.coordinates
         return ("x",) if d == 1 else tuple(f"x{k}" for k in range(1, d + 1))
+
+    def _clean_times(self) -> Array:
+        """Times without the round-off of k h: 0.3 in place of 0.30000000000000004."""
+        return np.array([float(f"{t:.15g}") for t in self.time.tolist()])
 
     def _scalars(self) -> dict[str, Array]:
         """Energy and quantities at the reported times."""
@@ -280,11 +287,6 @@ class Trajectory:
                 'such as integrate(scene, "gauss3", 100, with_steps=True)'
             )
         return self.steps
-
-
-def _clean(time: Array) -> Array:
-    """Times without the round-off of k h: 0.3 in place of 0.30000000000000004."""
-    return np.array([float(f"{t:.15g}") for t in time.tolist()])
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:

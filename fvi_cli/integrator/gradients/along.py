@@ -42,7 +42,7 @@ from fvi_cli.integrator.observe.dampers import (
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.observe.observer import Observer
 from fvi_cli.integrator.observe.request import Observations
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Mask
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
@@ -121,6 +121,10 @@ class Along:
                 if (forcing := rate_of_forcing(scene.forcing, one, "forcing")) is not None:
                     acted = acted + forcing(time)
                 own += (by_force * acted).sum(axis=1)
+            if not self.has_forces:
+                # where there are forces, the rule below knows the given velocity
+                begun = np.zeros(self._run.d) + one.of("initial_velocity")
+                own[self._starts] += self._slopes[1][self._starts] @ begun
         if self.has_forces:
             found = self._by_forces
             if found is None:
@@ -173,7 +177,13 @@ class Along:
         basis = lobatto_basis(steps.tables.degree)
         moved = steps.step_size[which] * basis.values(tau)[1:]
         rows = np.stack([moved.T, basis.derivatives(tau)[1:].T])
+        # at the start the velocity is the one that is given
+        rows[1, self._starts] = 0.0
         return np.asarray(rows @ steps.tables.to_unknowns)
+
+    @cached_property
+    def _starts(self) -> Mask:
+        return np.asarray((self._places[0] == 0) & (self._places[1] == 0.0))
 
     @cached_property
     def _of_stages(self) -> Array:

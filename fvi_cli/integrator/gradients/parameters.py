@@ -366,8 +366,8 @@ def disturbance(run: LinearisedRun, parameters: Sequence[Parameter]) -> Disturba
 def _loads_of(run: LinearisedRun, scene: Scene, part: str) -> Array:
     """Load vectors of all steps of a run by the forces of a scene, ``(n, s + 1, d)``."""
     steps = run.steps
-    fresh = np.isin(steps.time[:-1], [0.0, *scene.break_points])
-    found = loads_along(getattr(StepLoads(scene, run.method, steps.tables), part), steps, fresh)
+    of_steps = getattr(StepLoads(scene, run.method, steps.tables), part)
+    found = loads_along(of_steps, steps, scene.break_points)
     zero = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
     return zero if found is None else found
 
