@@ -6,7 +6,6 @@ import pytest
 from command_line import LADDER, fvi
 
 from fvi_cli.config import parse_config
-from fvi_cli.effects import inertia
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.quadrature import gauss_rule
@@ -75,21 +74,6 @@ ladder: {steps: [1, 2]}
     assert (singular.status, singular.is_usable) == ("failed", False)
     assert (solved.status, solved.repeats) == ("ok", 2)
     assert math.isfinite(solved.seconds)
-
-
-def test_every_timed_run_factorises_its_matrices(monkeypatch):
-    text = (
-        "name: small\nproblem: {kind: structure, mass: [[2.0, 0.5], [0.5, 1.0]], "
-        "stiffness: [[2.0, -1.0], [-1.0, 2.0]], initial: {velocity: [1.0, 0.0]}, "
-        "damping: [{order: 0.5, coefficient: 0.1}], final_time: 2.0}\n"
-        "method: {rk: gauss, degree: 2}\nladder: {steps: [16]}\n"
-    )
-    (run,) = experiment(text).runs()
-    factorised = []
-    solver = inertia.solver
-    monkeypatch.setattr(inertia, "solver", lambda form: factorised.append(form) or solver(form))
-    assert len(factorised) >= measured(run, repeats=5).repeats - 5
-    assert len(factorised) >= 5
 
 
 def test_the_command_writes_a_table_and_a_figure(folder):

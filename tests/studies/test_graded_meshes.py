@@ -13,7 +13,6 @@ from fvi_cli.integrator.meshes.mesh import graded_mesh
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies import reference
-from fvi_cli.studies.norms import error_norm
 from fvi_cli.studies.order import fit_slope
 from fvi_cli.studies.study import study
 
@@ -139,13 +138,6 @@ def test_members_of_a_sweep_have_the_mesh_and_the_start_they_ask_for(tmp_path):
         (again,) = fvi.recall(tmp_path / f"sweep-{start}.h5")
         assert np.array_equal(again.finished[1].trajectory.time, alone.time)
         assert again.finished[1].error == middle.error
-
-
-def test_the_norm_l2_weighs_every_point_by_its_step():
-    times = np.array([0.0, 0.1, 0.5, 2.0])
-    error = np.array([[0.0], [3.0], [2.0], [1.0]])
-    found = error_norm(error, np.zeros((4, 1)), np.diff(times, prepend=0.0), "l2")
-    assert found == pytest.approx(math.sqrt(0.1 * 9 + 0.4 * 4 + 1.5 * 1))
 
 
 def test_no_reference_is_computed_where_none_is_wanted(monkeypatch, tmp_path):

@@ -11,10 +11,9 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.norms import error_norm
-from fvi_cli.studies.order import fit_slope, order_table, pairwise_order
-from fvi_cli.studies.reference import Reference, find_reference
+from fvi_cli.studies.order import order_table
+from fvi_cli.studies.reference import Reference
 from fvi_cli.studies.study import assessed, execute, prediction_of, study
-from fvi_cli.studies.tolerance.search import solve
 
 SPECIFICATION = {
     "kind": "bagley-torvik",
@@ -57,12 +56,6 @@ def test_slope_of_a_pure_power_is_its_order(order):
     assert pairs[1:] == pytest.approx([order] * 4, abs=1e-12)
 
 
-def test_one_wrong_error_shows_in_the_slope():
-    runs = made_up([0.3, 0.075, 0.01875, 0.3 * 4.0**-3 * 1.3])
-    (case,) = order_table(runs[0].run.experiment, runs).cases
-    assert abs(case.slope - 2) > 0.05
-
-
 def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped():
     statuses: list[Observed] = ["diverged", "ok", "failed", "ok", "refused", "ok", "floor"]
     errors = [1e30, 1 / 4, math.nan, 1 / 64, math.nan, 1 / 1024, 1e-16]
@@ -73,12 +66,6 @@ def test_only_observed_trouble_leaves_the_fit_and_no_row_is_dropped():
     assert case.slope == pytest.approx(2, abs=1e-12)
     # no two of the used rows are neighbours
     assert all(math.isnan(case.pairwise_order(index)) for index in range(len(runs)))
-
-
-def test_too_few_rows_have_no_slope():
-    assert math.isnan(fit_slope([4], [0.1]))
-    assert math.isnan(pairwise_order(0.0, 0.1, 2, 4))
-    assert math.isnan(pairwise_order(math.inf, 0.1, 2, 4))
 
 
 def test_norms():
@@ -154,17 +141,6 @@ def pendulum(**keywords: object) -> dict[str, object]:
         "final_time": 4.0,
         **keywords,
     }
-
-
-def test_a_refined_reference_states_its_error():
-    problem = build_problem(pendulum())
-    reference = find_reference(problem)
-    assert "reference run" in reference.source
-    assert reference.error < 1e-12
-    times = np.linspace(0, 4, 49)
-    assert reference.values(times).shape == (49, 1)
-    finer = solve(problem.scene, tolerance=1e-13)
-    assert np.abs(finer(times) - reference.values(times)).max() < 1e-12
 
 
 def test_a_reference_that_fails_costs_the_errors_but_not_the_runs():

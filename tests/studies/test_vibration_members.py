@@ -6,8 +6,7 @@ import pytest
 from command_line import configuration, fvi, rows_of
 
 import fvi_cli as fvi_api
-from fvi_cli.plotting.kinds.spectra import modes_figure, response_figure
-from fvi_cli.plotting.style import PALE
+from fvi_cli.plotting.kinds.spectra import response_figure
 
 MASSES = "mass: [[1, 0], [0, 1]], stiffness: [[2, -1], [-1, 2]]"
 
@@ -73,18 +72,6 @@ def test_responses_of_every_member_are_those_of_it_by_itself(swept, tmp_path):
     assert len({round(float(size), 12) for size in sizes[:, 5]}) == 6
 
 
-@pytest.mark.parametrize("coefficient", [-0.2, 0.2])
-def test_the_figure_shows_every_mode_with_its_number(coefficient, tmp_path):
-    path = tmp_path / "one.yaml"
-    path.write_text(configuration(problem(coefficient), name="one", steps="16"))
-    tables = fvi_api.modes(path)
-    (axes,) = modes_figure(tables).axes
-    modes = tables[0].modes
-    assert [one.get_text() for one in axes.texts] == [str(k + 1) for k in range(len(modes))]
-    assert [one.xy for one in axes.texts] == [(m.hertz, 100 * m.damping_ratio) for m in modes]
-    assert any(mode.damping_ratio < 0 for mode in modes) == (coefficient < 0)
-
-
 def test_half_power_widths_meet_their_curves(tmp_path):
     path = tmp_path / "one.yaml"
     path.write_text(configuration(problem(0.2), name="one", steps="16"))
@@ -97,19 +84,6 @@ def test_half_power_widths_meet_their_curves(tmp_path):
         level, ends = width.get_ydata()[0], width.get_xdata()
         met = [np.interp(ends, *one.get_data()) == pytest.approx(level, rel=0.02) for one in curves]
         assert sum(met) == 1
-
-
-def test_many_members_have_the_colours_of_what_is_swept(tmp_path):
-    path = tmp_path / "many.yaml"
-    swept = "\nsweep: {problem.damping.0.coefficient: {from: 0.05, to: 0.4, number: 8}}\n"
-    path.write_text(configuration(problem(0.2), name="many", steps="16") + swept)
-    modes = fvi_api.modes(path)
-    responses = fvi_api.response(path, frequency="0.1:0.4:31", force=["x1"], at=["x2"])
-    for figure in (modes_figure(modes), response_figure(responses)):
-        panel, *_, bar = figure.axes
-        assert bar.get_xlabel().startswith("coefficient of the damping")
-        assert bar.get_xlim() == pytest.approx((0.05, 0.4))
-        assert len({one.get_color() for one in panel.lines} - {PALE}) == 8
 
 
 def test_tables_have_the_names_of_designs(tmp_path):

@@ -12,7 +12,6 @@ from oracles.linear_response import match_scene
 import fvi_cli as fvi
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.scenes.data import kepler
-from fvi_cli.studies.tolerance.runs import likely_amplitude
 
 Array = np.ndarray
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -159,12 +158,6 @@ def test_relative_tolerances():
     check(run, finer, 1e-8)
 
 
-def test_a_search_begins_with_the_amplitude_that_is_likely():
-    # a quarter of a turn at the speed of the start, or all the way where nothing holds it
-    assert likely_amplitude(spring(T=100.0, k=4.0, v=3.0)) == pytest.approx(0.75 * np.pi)
-    assert likely_amplitude(spring(T=100.0, k=0.0, v=3.0)) == pytest.approx(300.0)
-
-
 def test_what_never_moves():
     scene = spring(T=1.0)
     assert fvi.solve(scene, tolerance=1e-9).outcome == "met"
@@ -180,21 +173,6 @@ def test_tolerances_below_the_floor_say_what_is_reached(given):
     assert run.outcome == "refused"
     assert "out of reach: the best error reached is" in run.assessment.reason
     assert error(run, exact(scene)) <= 3.0 * run.error_estimate <= 1e-13
-
-
-@pytest.mark.parametrize(
-    ("given", "words"),
-    [
-        ({}, "a tolerance is missing"),
-        ({"tolerance": 1e-3, "relative": 1e-3}, "relative: not together with tolerance"),
-        ({"tolerance": 0.0}, "greater than 0"),
-        ({"tolerance": float("nan")}, "a finite number"),
-        ({"relative": 2.0}, "less than 1"),
-    ],
-)
-def test_what_is_refused(given, words):
-    with pytest.raises(ValueError, match=words):
-        fvi.solve(SEPARATRIX, **given)
 
 
 def test_samples_are_points_of_the_mesh():
