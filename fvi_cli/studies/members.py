@@ -64,12 +64,6 @@ class Member:
         """The values for which no name stands."""
         return {key: value for key, value in self.values.items() if key not in self.named}
 
-    def __reduce__(self) -> tuple[Callable[..., Member], tuple[object, ...]]:
-        """Pickle for another process, in which equal members become one object."""
-        # the template is passed as an object of its own, so that pickle stores equal ones once
-        fields = {name: getattr(self, name) for name in self.__slots__ if name != "template"}
-        return _arrived, (self.template, json.dumps({**fields, "values": dict(self.values)}))
-
 
 def label_of(member: Member | None) -> str:
     """The name and the values of a member, empty where there is none."""
@@ -91,12 +85,6 @@ class OfMember:
     def member(self) -> str:
         """Swept values in words; empty without a sweep."""
         return label_of(self.of_member)
-
-
-@functools.lru_cache(maxsize=4096)
-def _arrived(template: str, fields: str) -> Member:
-    found = json.loads(fields)
-    return Member(template=template, **{**found, "named": tuple(found["named"])})
 
 
 def _most_together(dimension: int) -> int:
