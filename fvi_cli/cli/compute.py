@@ -65,9 +65,7 @@ def convergence(call: Call, sources: UsualSources = None) -> int:
     """Make tables of orders; without arguments, those of the paper and of full order."""
     from fvi_cli.render.results import order_tables
 
-    return call.runs(
-        sources or TABLES, lambda config, outcomes: call.show(config, order_tables(outcomes))
-    )
+    return call.runs(sources or TABLES, lambda one, found: call.show(one, order_tables(found)))
 
 
 @command(REPORT, *RUNS, "formats", "style")
@@ -98,10 +96,7 @@ def quantities(call: Call, sources: Sources) -> int:
     """Make tables of quantities (peak, its time, RMS) and events of every run."""
     from fvi_cli.render.results import quantities as observed
 
-    return call.runs(
-        sources,
-        lambda config, outcomes: call.show(config, observed(outcomes, name=config.name)),
-    )
+    return call.runs(sources, lambda one, found: call.show(one, observed(found, name=one.name)))
 
 
 @command(COMPUTE, *STUDY)

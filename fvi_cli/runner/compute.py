@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import logging
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,33 +70,32 @@ def run(
     StorageError
         If results cannot be read or written.
     """
-    config, part = load(source), shard_named(shard)
-    listed = {experiment: experiment.runs() for experiment in config.experiments}
-    runs = [run for own in listed.values() for run in own]
+    config = load(source)
     path, lost = file_of(config, output), dict[Run, str]()
     if path is not None and is_stored(config):
         store = Store.existing(path)
+        work = _Work(config, store, shard, fresh)
     else:
         store = Store(path, keeps=keep)
-        if part[1] == 1:
+        work = _Work(config, store, shard, fresh)
+        if work.is_whole:
             # a damaged part is found now, so that its runs are computed
-            store.fold(runs)
+            store.fold(work.runs)
         store.describe(config.text, config.resolved, config.overrides)
-        work = _Work(config.name, runs, store, fresh)
         try:
-            lost = work.compute(part, workers, dask, progress=progress)
+            lost = work.compute(workers, dask, progress=progress)
         finally:
             # also after Ctrl-C
-            if part[1] == 1:
-                store.fold(runs, prunes=prune)
+            if work.is_whole:
+                store.fold(work.runs, prunes=prune)
             store.look()
-    found = store.read(runs, motions=keeps_motions)
+    found = store.read(work.runs, motions=keeps_motions)
     found |= {one: _lost_run(one, words) for one, words in lost.items()}
     if not is_stored(config):
-        _report([found[run] for run in runs if run in found])
+        _report([found[run] for run in work.runs if run in found])
     return [
         _outcome(experiment, [found[run] for run in own if run in found], config)
-        for experiment, own in listed.items()
+        for experiment, own in work.listed.items()
     ]
 
 
@@ -129,14 +129,11 @@ def plan(
     Actions are ``compute``, ``reuse`` a stored run, or ``leave out`` a run that another shard
     computes, or that a result file in place of a configuration lacks.
     """
-    config, part = load(source), shard_named(shard)
-    runs = [run for experiment in config.experiments for run in experiment.runs()]
-    work = _Work(config.name, runs, Store(file_of(config, output)), fresh and not is_stored(config))
-    missing = work.missing()
-    actions = dict.fromkeys(runs, "reuse") | dict.fromkeys(missing, "leave out")
-    if not is_stored(config):
-        own = (run for batch in work.batches(part, missing) for run in batch.runs)
-        actions |= dict.fromkeys(own, "compute")
+    config = load(source)
+    work = _Work(config, Store(file_of(config, output)), shard, fresh)
+    own = (run for batch in work.batches for run in batch.runs)
+    actions = dict.fromkeys(work.runs, "reuse") | dict.fromkeys(work.missing, "leave out")
+    actions |= dict.fromkeys(own, "compute")
     groups = Counter(
         (run.experiment, run.method, run.n_steps, action) for run, action in actions.items()
     )
@@ -172,15 +169,22 @@ def shard_named(text: str) -> tuple[int, int]:
     return int(number), int(count)
 
 
-@dataclass(frozen=True)
 class _Work:
-    """What one command computes of some runs."""
+    """What one command computes of a configuration."""
 
-    name: str
-    runs: Sequence[Run]
-    store: Store
-    is_fresh: bool
+    def __init__(self, config: LoadedConfig, store: Store, shard: str, fresh: bool) -> None:
+        self.config, self.store = config, store
+        self.is_fresh = fresh and not is_stored(config)
+        self.part, self.of = shard_named(shard)
+        self.listed = {experiment: experiment.runs() for experiment in config.experiments}
+        self.runs = [run for own in self.listed.values() for run in own]
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it computes all parts, and so makes the result file."""
+        return self.of == 1
+
+    @functools.cached_property
     def missing(self) -> set[Run]:
         """The first of all equal runs that are not stored."""
         found: dict[str, Run] = {}
@@ -190,32 +194,28 @@ class _Work:
                 found.setdefault(identity, one)
         return set(found.values())
 
-    def batches(self, part: tuple[int, int], waiting: set[Run]) -> list[Batch]:
-        """What is missing of the I-th of N parts.
+    @functools.cached_property
+    def batches(self) -> list[Batch]:
+        """What is missing of this part; none of a result file.
 
         All runs are divided, so that a part does not depend on what others have stored.
         """
-        shared = [[run for run in one.runs if run in waiting] for one in batches_of(self.runs)]
-        number, count = part
-        return [Batch(runs=tuple(one)) for one in shared[number - 1 :: count] if one]
+        divided = [] if is_stored(self.config) else batches_of(self.runs)
+        shared = [[run for run in one.runs if run in self.missing] for one in divided]
+        return [Batch(runs=tuple(one)) for one in shared[self.part - 1 :: self.of] if one]
 
-    def compute(
-        self, part: tuple[int, int], workers: int, dask: str | None, *, progress: bool
-    ) -> dict[Run, str]:
+    def compute(self, workers: int, dask: str | None, *, progress: bool) -> dict[Run, str]:
         """Compute and store what is missing; returns runs that were lost, with the reason."""
-        missing, lost = self.missing(), dict[Run, str]()
-        batches = self.batches(part, missing)
+        batches, name, lost = self.batches, self.config.name, dict[Run, str]()
         own = [run for batch in batches for run in batch.runs]
-        count = len(missing)
-        _logger.debug(
-            "%s: %d runs, %d of them stored", self.name, len(self.runs), len(self.runs) - count
-        )
+        count = len(self.runs)
+        _logger.debug("%s: %d runs, %d of them stored", name, count, count - len(self.missing))
         for experiment in dict.fromkeys(one.experiment for one in own):
             if experiment.members and (words := one_by_one_words(experiment)):
-                _logger.info("%s: %s", self.name, words)
+                _logger.info("%s: %s", name, words)
         with (
             running(self.store.path if batches and self.store.keeps else None) as is_alone,
-            progress_bar(self.name, len(own), wanted=progress) as advance,
+            progress_bar(name, len(own), wanted=progress) as advance,
         ):
             for waiting in (reference_batches_of(own), batches):
                 if workers > 1 or dask:

@@ -33,10 +33,7 @@ def fit(
     progress
         As for :func:`run`.
 
-    Returns
-    -------
-    list of FitResult
-        One for every experiment with ``fit``; its message says if a fit did not converge.
+    One result for every experiment with ``fit``; its message says if a fit did not converge.
 
     Raises
     ------
@@ -103,11 +100,7 @@ def write_fitted(config: LoadedConfig, results: Sequence[FitResult], output: Pat
             for data, values in zip(result.settings.data, best.assignments, strict=True)
         ]
         number = names.index(result.name)
-        try:
-            text = fitted_text(config, number, best.model.specification, motions, output)
-        except RequestError as error:
-            _logger.error("%s", error)
-            continue
+        text = fitted_text(config, number, best.model.specification, motions, output)
         path = output / f"{result.name}-fitted.yaml"
         output.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode())

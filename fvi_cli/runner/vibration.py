@@ -195,19 +195,15 @@ def _naming(option: str) -> Iterator[None]:
 
 def _tasks(action: str, config: LoadedConfig, compute: Callable[..., Table]) -> list[Task]:
     """A task for the scene of every experiment or member."""
-    subjects = [
-        Subject(experiment=experiment, member=member)
-        for experiment in config.experiments
-        for member in experiment.members or (None,)
-    ]
     return [
         Task(
-            experiment=one.experiment.name,
+            experiment=experiment.name,
             action=action,
-            of=label_of(one.member),
-            work=functools.partial(_table, one, compute),
+            of=label_of(member),
+            work=functools.partial(_table, Subject(experiment=experiment, member=member), compute),
         )
-        for one in subjects
+        for experiment in config.experiments
+        for member in experiment.members or (None,)
     ]
 
 
