@@ -61,7 +61,7 @@ def test_a_check_in_json_prints_json_alone(folder, monkeypatch):
     assert done.exit_code == 3
     # and the other forms of the table, which do not follow from that row
     first, *others = json.loads(done.stdout)["differences"]
-    assert "decay-fit.csv: decay: problem.stiffness" in first
+    assert "decay-fit.csv:2: estimate" in first
     assert all("decay-fit" in one for one in others)
 
 
