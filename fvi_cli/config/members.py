@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import logging
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -144,7 +144,6 @@ def make_members(reading: Reading, report: Report, *, is_remarked: bool) -> tupl
                 named=keys.changed,
             )
         )
-    report.extend(_repeated(members))
     return tuple(members)
 
 
@@ -229,16 +228,6 @@ def _negative_factors(kind: Kind) -> Iterator[tuple[KeyPath, str]]:
                     form = factor.form if isinstance(factor, MatrixFile) else np.array(factor)
                     if not is_semidefinite(form):
                         yield (*place, key), "the matrix has a negative eigenvalue"
-
-
-def _repeated(members: Iterable[Member]) -> Iterator[Wrong]:
-    """Designs that are the same as another one."""
-    known: dict[str, str] = {}
-    for one in members:
-        if one.name and known.setdefault(json.dumps(one.values), one.name) != one.name:
-            other = known[json.dumps(one.values)]
-            words = f"is the same as the design {excerpt(other)!r}"
-            yield Wrong(("designs", one.name), words, of_key=True)
 
 
 def resolved_members(keys: MemberKeys, members: tuple[Member, ...]) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from fractions import Fraction as ExactFraction
 from typing import Annotated, Any, Final, Literal
 
@@ -40,8 +39,6 @@ from fvi_cli.studies.stability_settings import StabilitySettings
 MOST_STEPS: Final = 2**30
 MOST_TIMES: Final = 10_000_000
 MOST_MEMBERS: Final = 100_000
-MOST_SWEPT: Final = 20
-LONGEST_NAME: Final = 60
 LADDER: Final = "{steps: [16, 32, 64]} or {from: 4, to: 6, base: 2}"
 
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
@@ -191,19 +188,19 @@ class MemberKeys(Keys):
     )
 
     def mistakes(self) -> Iterator[Wrong]:
-        """Keys that members share, that lie inside each other, and what is given twice."""
-        yield from self._designs()
+        """Keys that members share, that lie inside each other, and too many members."""
+        for name, changes in (self.designs or {}).items():
+            yield from _shared(changes or {}, ("designs", name))
+        if self.designs and not self.changed:
+            words = "a change is missing, such as {bare: {problem.damping: []}}"
+            yield Wrong(("designs",), words)
         rows = self.sweep if isinstance(self.sweep, list) else []
         for number, row in enumerate(rows):
             if row.keys() != rows[0].keys() or not row:
                 words = f"every member must have the same keys: {', '.join(rows[0])}"
                 yield Wrong(("sweep", number), words)
-        for number in _repeated(rows):
-            yield Wrong(("sweep", number), "these values are given twice")
-        yield from _swept(rows[0] if rows else self.swept, ("sweep", 0)[: 1 + bool(rows)])
+        yield from _shared(rows[0] if rows else self.swept, ("sweep", 0)[: 1 + bool(rows)])
         for path, given in self.swept.items():
-            for number in _repeated(given) if isinstance(given, list) else ():
-                yield Wrong(("sweep", path, number), "is given twice")
             if given == []:
                 yield Wrong(("sweep", path), "empty; give at least one entry")
             if other := next((one for one in self.changed if _meet(one, path)), None):
@@ -212,21 +209,6 @@ class MemberKeys(Keys):
         if self.number > MOST_MEMBERS:
             words = f"{self.number} members are too many; at most {MOST_MEMBERS} are allowed"
             yield Wrong(("sweep",), words)
-
-    def _designs(self) -> Iterator[Wrong]:
-        known: dict[str, str] = {}
-        for name, changes in (self.designs or {}).items():
-            other = known.setdefault(name.casefold(), name)
-            if other != name:
-                words = f"{name!r} differs from another name in capital letters only"
-                yield Wrong(("designs", name), words, of_key=True)
-            if not name.strip() or not name.isprintable() or len(name) > LONGEST_NAME:
-                words = f"not a name; write a word of at most {LONGEST_NAME} characters, as bare"
-                yield Wrong(("designs", name), words, of_key=True)
-            yield from _swept(changes or {}, ("designs", name))
-        if self.designs and not self.changed:
-            words = "a change is missing, such as {bare: {problem.damping: []}}"
-            yield Wrong(("designs",), words)
 
     @property
     def swept(self) -> Mapping[str, Range | list[Any]]:
@@ -253,29 +235,12 @@ def _meet(one: str, other: str) -> bool:
     return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 
-def _repeated(values: Sequence[Any]) -> Iterator[int]:
-    """The numbers of values that stand in a list before."""
-    seen: set[str] = set()
-    for number, value in enumerate(values):
-        # 1 and 1.0 are the same
-        text = repr(json.loads(json.dumps(value, sort_keys=True), parse_int=float))
-        if text in seen:
-            yield number
-        seen.add(text)
-
-
-def _swept(paths: Mapping[str, Any], place: tuple[str | int, ...]) -> Iterator[Wrong]:
+def _shared(paths: Iterable[str], place: tuple[str | int, ...]) -> Iterator[Wrong]:
     """Keys that cannot differ between members."""
-    if len(paths) > MOST_SWEPT:
-        yield Wrong(place, f"{len(paths)} keys are too many; at most {MOST_SWEPT}")
     for path in paths:
-        parts = path.split(".")
         inner = next((one for one in paths if one != path and path.startswith(f"{one}.")), None)
         if path in ("problem.kind", "problem.final_time"):
             words = "members share their kind and times; write several experiments"
-            yield Wrong((*place, path), words, of_key=True)
-        elif not all(parts) or len(parts) > 50:
-            words = "not a key of the problem, such as problem.stiffness"
             yield Wrong((*place, path), words, of_key=True)
         elif inner is not None:
             yield Wrong((*place, path), f"lies inside of {inner}", of_key=True)

@@ -32,31 +32,19 @@ def _title(path: Path) -> str:
 
 def find_config(name: str) -> Path:
     """The file of a given name: a path if it exists, otherwise a shipped configuration."""
-    shown = excerpt(name, 200)
+    shown, path, known = excerpt(name, 200), Path(name), shipped_configs()
     try:
-        path = Path(name)
         if path.is_file():
             return path
-        is_folder, exists = path.is_dir(), path.exists()
-        completed = [name + suffix for suffix in SUFFIXES if Path(name + suffix).is_file()]
         neighbours = sorted(str(one) for one in path.parent.glob("*.y*ml"))
     except (OSError, ValueError):
-        is_folder, exists, completed, neighbours = False, False, [], []
-    known = shipped_configs()
+        neighbours = []
     plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
     if plain in known:
         return _folder() / f"{plain}.yaml"
-    if completed:
-        raise RequestError(f"{shown}: no such file; did you mean {excerpt(completed[0], 200)!r}?")
-    if is_folder:
-        raise RequestError(f"{shown}: a folder, not a configuration file")
-    if exists:
-        return path
-    raise RequestError(
-        f"{shown}: no such file, and no shipped configuration has this name"
-        f"{suggestion(plain, neighbours if path.parent.name else (*known, *neighbours))}; "
-        "`fvi list` lists them"
-    )
+    near = suggestion(name, neighbours if path.parent.name else (*known, *neighbours))
+    words = f"{shown}: no such file, and no shipped configuration has this name"
+    raise RequestError(f"{words}{near}; `fvi list` lists them")
 
 
 def guide_pages() -> dict[str, dict[str, str]]:

@@ -10,8 +10,6 @@ from typing import Any
 import yaml
 
 from fvi_cli.config.load import LoadedConfig
-from fvi_cli.config.text.tree import LARGEST_TEXT
-from fvi_cli.errors import RequestError
 from fvi_cli.scenes.records.inputs import is_file
 from fvi_cli.studies.members import with_values
 
@@ -38,19 +36,9 @@ def fitted_text(
         made.append({**kept, "name": label, "problem": problem})
     whole = made[0] if len(made) == 1 else {"name": name, "experiments": made}
     head = f"# {resolved['name']} with the numbers that were fitted to measurements\n"
-    text = head + _as_yaml(_referring(whole, loaded.path.parent, folder))
-    if len(text) > LARGEST_TEXT:
-        raise RequestError(
-            f"{name}: the configuration with the fitted numbers takes {len(text)} characters, and "
-            f"one with more than {LARGEST_TEXT} is not read; write matrices of the problem as "
-            "files, such as stiffness: {file: K.mtx}"
-        )
-    return text
-
-
-def _as_yaml(whole: Mapping[str, Any]) -> str:
-    text: str = yaml.safe_dump(whole, sort_keys=False, default_flow_style=None, width=100)
-    return text
+    referring = _referring(whole, loaded.path.parent, folder)
+    written = yaml.safe_dump(referring, sort_keys=False, default_flow_style=None, width=100)
+    return head + str(written)
 
 
 def _referring(node: Any, base: Path, folder: Path) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
@@ -61,21 +62,16 @@ def apply_overrides(document: Document, overrides: Sequence[str]) -> list[Mistak
 def _apply(document: Document, path: KeyPath, text: str) -> None:
     if not text.strip():
         raise LookupError("the text is empty")
-    is_null = text.strip() in ("null", "~", "Null", "NULL")
+    is_null = text.strip() in ("null", "~")
     new = None if is_null else read_document(text, OPTION.source).value
     base = path[:2] if path[0] == "experiments" else ()
     for depth in range(len(base) + 1, len(path) + 1):
         for name in _DISPLACED.get(path[len(base) : depth], ()):
             other = (*path[: depth - 1], name)
             document.value = replaced(document.value, other, None)
-    outer = document.value
-    for part in path[:-1]:
-        outer = inside(outer, part)
-    is_there = not isinstance(outer, dict) or path[-1] in outer
+    if is_null and functools.reduce(inside, path, document.value) is None:
+        raise LookupError("there is no such key")
     document.value = replaced(document.value, path, new)
-    if is_null and not is_there:
-        # so that a key that is not known is told
-        document.value = replaced(document.value, path[:-1], {**(outer or {}), path[-1]: None})
     document.forget(path)
     for depth in range(1, len(path) + 1):
         # also of mappings that were made
