@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvi_cli.integrator.gradients.gradient import RunFailedError
-from fvi_cli.mathematics.arrays import Array, Mask
+from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.studies.fits.model import Evaluation, MotionModel
 from fvi_cli.studies.fits.settings import DataSet
 
@@ -29,8 +29,8 @@ ENOUGH = 1e-9
 """Share of the misfit below which a further gain is less than a hundredth of an error."""
 LONGEST = 0.8
 """Largest share that a step takes from a positive parameter itself, not from its logarithm."""
-MOST_DAMPED = 1e8
-"""Damping of steps that no longer change anything."""
+SHORT = 0.3
+"""Longest step after which the misfit may be larger, in inner parameters."""
 PRIMES = np.array([k for k in range(2, 400) if all(k % j for j in range(2, k))])
 
 
@@ -58,67 +58,102 @@ def least_squares_from(
     gain: float = 0.0,
     fixed: int = -1,
 ) -> Found:
-    """Steps of Gauss and Newton within the bounds, damped where the misfit does not follow them.
+    """Gauss-Newton in a trust region, with exact derivatives, within the bounds.
 
-    It ends where the misfit can fall by less than the square of `tolerance`, relative, or `gain`.
-    The parameter of the number `fixed` is held.
+    It ends where parameters change by `tolerance`, relative, or the misfit by its square or by
+    `gain`. The parameter of the number `fixed` is held.
 
     Raises
     ------
     RunFailedError
         If the start has no misfit.
     """
-    low, high = model.bounds
-    is_free = np.arange(start.size) != fixed
-    point = np.where(is_free, np.clip(start, low, high), start)
-    at, damping, before = model.evaluate(point), 0.0, None
+    from scipy.optimize import least_squares
+
+    known: dict[bytes, Evaluation | None] = {}
+    free = np.delete(np.arange(start.size), [fixed] if fixed >= 0 else [])
+    low, high = (one[free] for one in model.bounds)
+    begin = start.copy()
+    # least squares begin inside of the bounds
+    begin[free] = np.clip(start[free], _inside(low, high), _inside(high, low))
+
+    def at(point: Array) -> Evaluation | None:
+        whole = begin.copy()
+        whole[free] = point
+        key = whole.tobytes()
+        if key not in known:
+            try:
+                known[key] = model.evaluate(whole)
+            except RunFailedError:
+                # the step was too long
+                known[key] = None
+        return known[key]
+
+    def residuals(point: Array) -> Array:
+        found = at(point)
+        return np.full(sum(model.sizes), np.nan) if found is None else found.residuals
+
+    def jacobian(point: Array) -> Array:
+        found = at(point)
+        assert found is not None
+        return found.jacobian[:, free]
+
+    first = at(begin[free])
+    if first is None:
+        raise RunFailedError("the run fails at the start of least squares")
+    if not free.size:
+        return Found(point=begin, at=first)
+    # full steps as long as they do what the linear model says, or in a bent valley the short one
+    # and the next do; the last one needs no check
+    step, possible = _linear_step(first, free)
     for _ in range(most):
-        step, rest = _step(model, at, point, is_free)
-        # the last step needs no check
-        if rest < max(gain, ENOUGH * at.cost, tolerance**2 * at.cost) or damping > MOST_DAMPED:
-            return Found(point=point, at=at, rest=rest)
-        if damping:
-            step, _ = _step(model, at, point, is_free, damping)
+        if possible < max(gain, ENOUGH * first.cost, tolerance**2 * first.cost):
+            return Found(point=begin, at=first, rest=possible)
         # a modulus is linear where its logarithm is not
-        is_linear = np.array([one.is_positive for one in model.free]) & (step < LONGEST)
+        is_linear = np.array([one.is_positive for one in model.free])[free] & (step < LONGEST)
         change = np.where(is_linear, np.log1p(-np.minimum(step, LONGEST)), -step)
-        tried = np.where(is_free, np.clip(point + change, low, high), point)
-        try:
-            found = model.evaluate(tried)
-            expected = found.cost - _step(model, found, tried, is_free)[1]
-        except RunFailedError:
-            # the step was too long
-            found, expected = at, math.inf
-        if found.cost < at.cost:
-            point, at, damping, before = tried, found, 0.1 * damping * (damping > 1e-3), None
-            continue
-        # in a bent valley the step behind one that climbs may lead down
-        if before is None and not damping and expected < at.cost - 0.5 * rest:
-            before, point, at = (point, at), tried, found
-            continue
-        if before is not None:
-            (point, at), before = before, None
-        damping = max(10.0 * damping, 1e-2)
-    return Found(point=point, at=at, message=f"no minimum was found in {most} steps")
+        tried = np.clip(begin[free] + change, _inside(low, high), _inside(high, low))
+        found = at(tried)
+        if found is None:
+            break
+        step, rest = _linear_step(found, free)
+        expected = found.cost - (rest if np.abs(change).max() < SHORT else 0.0)
+        if expected > first.cost - 0.5 * possible:
+            break
+        begin[free], first, possible = tried, found, rest
+    with np.errstate(all="ignore"):
+        done = least_squares(
+            residuals,
+            begin[free],
+            jac=jacobian,
+            bounds=(low, high),
+            x_scale="jac",
+            xtol=tolerance,
+            ftol=max(ENOUGH, tolerance**2, gain / max(first.cost, 1e-300)),
+            gtol=1e-14,
+            max_nfev=most,
+        )
+    end, point = at(done.x), begin.copy()
+    point[free] = done.x
+    assert end is not None
+    message = "" if done.status > 0 else str(done.message).rstrip(".")
+    return Found(point=point, at=end, message=message)
 
 
-def _step(
-    model: MotionModel, at: Evaluation, point: Array, is_free: Mask, damping: float = 0.0
-) -> tuple[Array, float]:
-    """Minus the step to the minimum of the damped linear model, and how far the misfit falls."""
-    low, high = model.bounds
-    while True:
-        jacobian = at.jacobian * is_free
-        # a positive parameter that is nearly 0 has a small column, and may leave 0 all the same
-        size = np.linalg.norm(jacobian, axis=0)
-        size[size == 0.0] = 1.0
-        rows = np.concatenate([jacobian / size, np.sqrt(damping) * np.eye(size.size)])
-        right = np.concatenate([at.residuals, np.zeros(size.size)])
-        step = np.linalg.lstsq(rows, right, rcond=1e-12)[0] / size
-        outwards = is_free & (((point <= low) & (step > 0)) | ((point >= high) & (step < 0)))
-        if not outwards.any():
-            return step, float(np.sum((jacobian @ step) ** 2))
-        is_free = is_free & ~outwards
+def _linear_step(at: Evaluation, free: Integers) -> tuple[Array, float]:
+    """The step to the minimum of the linear model, and by how much the misfit falls there."""
+    jacobian = at.jacobian[:, free]
+    # a positive parameter that is nearly 0 has a small column, and may leave 0 all the same
+    size = np.linalg.norm(jacobian, axis=0)
+    size[size == 0.0] = 1.0
+    step = np.linalg.lstsq(jacobian / size, at.residuals, rcond=1e-12)[0] / size
+    return step, float(np.sum((jacobian @ step) ** 2))
+
+
+def _inside(bound: Array, other: Array, share: float = 1e-9) -> Array:
+    """A bound moved a little towards the other one."""
+    width = np.where(np.isfinite(other - bound), other - bound, np.sign(other - bound))
+    return np.where(np.isfinite(bound), bound + share * width, bound)
 
 
 def search(model: MotionModel, scale: float) -> Found:
