@@ -157,6 +157,14 @@ class Forcing:
             begin = piece.until
         return Forcing(pieces=tuple(pieces))
 
+    def plus(self, formulas: Sequence[Expression]) -> Forcing:
+        """The sum of the force and d expressions in ``t``."""
+        pieces = []
+        for piece in self.pieces:
+            total = tuple(a.plus(b) for a, b in zip(piece.components, formulas, strict=True))
+            pieces.append(replace(piece, components=total))
+        return Forcing(pieces=tuple(pieces))
+
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""

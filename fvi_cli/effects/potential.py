@@ -16,12 +16,10 @@ from fvi_cli.effects.matrices import (
     MatrixEffect,
     SparseMatrix,
     dense,
-    is_diagonal,
     symmetric_form,
     times,
 )
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.algebra.builder import join
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_system
@@ -65,8 +63,6 @@ class QuadraticPotential(MatrixEffect):
 
     def gradient(self, position: Array) -> Array:
         """K q, shape ``(..., d)`` to ``(..., d)``."""
-        if isinstance(self.form, np.ndarray) and is_diagonal(self.form):
-            return position * np.diagonal(self.form)
         return times(position, self.form)
 
     def hessian(self, position: Array) -> Array:
@@ -129,12 +125,12 @@ class ExpressionPotential(_StiffenedPotential):
     def hessian_system(self) -> FormulaSystem:
         """The formulas of the second derivatives row by row, without the stiffness."""
         # derivatives are ordered by direction; the matrix is symmetric
-        return slopes_system(self.gradient_system, self.coordinates)[self.dimension :]
+        return self.derivatives_system[self.dimension :]
 
     @cached_property
     def derivatives_system(self) -> FormulaSystem:
         """The formulas of the gradient, then of the Hessian, without the stiffness."""
-        return join(self.gradient_system, self.hessian_system)
+        return slopes_system(self.gradient_system, self.coordinates)
 
     def __getstate__(self) -> dict[str, object]:
         """What is pickled: all but compiled programs."""
@@ -193,23 +189,9 @@ class SuppliedPotential(_StiffenedPotential):
 def checked_potential(
     functions: Potential, position: Array
 ) -> QuadraticPotential | ExpressionPotential | SuppliedPotential:
-    """A potential for a scene; an object of the user is tried at a position, shape ``(d,)``.
-
-    Raises
-    ------
-    ValueError
-        If a function is missing or returns another shape.
-    """
+    """A potential for a scene; shapes that a user's object returns are tried at a position."""
     if isinstance(functions, QuadraticPotential | ExpressionPotential | SuppliedPotential):
         return functions
-    name = type(functions).__name__
-    for wanted in ("energy", "gradient", "hessian"):
-        if not callable(getattr(functions, wanted, None)):
-            raise ArgumentError(
-                "potential",
-                f"{name} has no function {wanted}(position); write energy, gradient "
-                "and hessian of positions (..., d)",
-            )
     found = SuppliedPotential(functions=functions, dimension=position.size)
     for of in (found.energy, found.gradient, found.hessian):
         of(np.stack([position] * (position.size + 1)))

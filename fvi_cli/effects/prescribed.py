@@ -89,11 +89,7 @@ class PrescribedMotion:
 def _rate_of(component: ForceComponent) -> ForceComponent:
     if isinstance(component, SampledForce):
         powers = np.arange(component.order - 1, 0, -1)[:, None]
-        rate = replace(component, coefficients=powers * component.coefficients[:-1], formula=None)
-        if component.formula is None:
-            return rate
-        added = _rate_of(component.formula)
-        return FunctionForce(function=lambda t: rate.evaluate({"t": t}) + added.evaluate({"t": t}))
+        return replace(component, coefficients=powers * component.coefficients[:-1], formula=None)
     if not isinstance(component, Expression):
         raise ArgumentError("displacement", "give a formula or samples, not a function")
 

@@ -107,10 +107,14 @@ def lagrangian_scene(
     mass = at_start[0] if found.mass is None else found.mass
     if found.mass is None:
         _check_mass(mass, velocities, " at the start")
-    data["forcing"] = _with(given_force(data.get("forcing")), found.forcing)
+    if found.forcing is not None:
+        given = given_force(data.get("forcing"))
+        own = Forcing(pieces=(ForcingPiece(components=found.forcing),))
+        data["forcing"] = own if given is None else given.plus(found.forcing)
     made = make_scene(
         mass, found.potential, lagrangian=found.general, linear_potential=found.linear, **data
     )
+    check_names(names, values, names_of_dampers(made))
     return replace(made, coordinates=names)
 
 
@@ -326,16 +330,3 @@ def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
             f"the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
             f"eigenvalue is {smallest:g}{reason}",
         )
-
-
-def _with(forcing: Forcing | None, own: tuple[Expression, ...] | None) -> Forcing | None:
-    """The sum of the given force and the forces in L."""
-    if own is None:
-        return forcing
-    if forcing is None:
-        return Forcing(pieces=(ForcingPiece(components=own, until=math.inf),))
-    pieces = []
-    for piece in forcing.pieces:
-        total = tuple(a.plus(b) for a, b in zip(piece.components, own, strict=True))
-        pieces.append(ForcingPiece(components=total, until=piece.until))
-    return Forcing(pieces=tuple(pieces))

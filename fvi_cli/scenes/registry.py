@@ -9,6 +9,7 @@ from typing import Annotated, Any, Final, get_args
 from pydantic import ValidationError
 
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.keys.mistakes import first_mistake
 from fvi_cli.scenes.keys.values import ByWord, Keys, key, word_of
 from fvi_cli.scenes.kinds.fractional_derivative import FractionalDerivative
@@ -83,11 +84,8 @@ def build_problem(specification: Mapping[str, Any]) -> AnyProblem:
 
 
 def build_scene(specification: Mapping[str, Any]) -> Scene:
-    """The scene alone, without an exact solution.
-
-    Raises
-    ------
-    ValueError
-        As :func:`build_problem`; also for ``fractional-derivative``, which is no scene.
-    """
-    return read_problem(specification).build_scene()
+    """The scene of :func:`build_problem`."""
+    scene = build_problem(specification).scene
+    if scene is None:
+        raise ArgumentError("kind", "a fractional derivative is no scene")
+    return scene

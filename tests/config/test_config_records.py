@@ -110,6 +110,13 @@ def test_a_function_with_a_jump_has_a_break_point():
     written = build_problem(problem)
     fine = fvi.integrate(written.scene, "gauss4-graded", 40)
     assert np.abs(coarse.position - fine.position).max() < 1e-8
+    named = {**problem, "ground_acceleration": "sign(0.7 - t)", "break_points": [0.7]}
+    same = fvi.integrate(build_problem(named).scene, "gauss4-graded", 40)
+    assert np.abs(same.position - fine.position).max() < 1e-13
+    # the control: without them the mesh misses the jump
+    del named["break_points"]
+    missed = fvi.integrate(build_problem(named).scene, "gauss4-graded", 41)
+    assert np.abs(missed(2.0) - fine(2.0)).max() > 1e-6
 
 
 def test_forces_from_arrays():

@@ -103,7 +103,6 @@ def test_gradients_by_numbers_of_the_scene():
 @pytest.mark.parametrize(
     ("potential", "words"),
     [
-        (object(), r"object has no function energy\(position\)"),
         (Uncut(energy=lambda q: q[..., :1]), r"energy returns the shape \(3, 1\).*return \(3,\)"),
         (Uncut(gradient=lambda q: np.zeros(2)), r"gradient returns .*return \(3, 2\)"),
         (Uncut(hessian=lambda q: np.eye(2)), r"hessian returns .*return \(3, 2, 2\)"),

@@ -9,6 +9,7 @@ from letters import swing
 from spread import spread
 
 from fvi_cli.config import parse_config
+from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
@@ -66,7 +67,7 @@ def test_the_general_route_gives_what_the_special_one_gives(order, derivative, m
 
 
 def bent(order: float = 0.5, coefficient: float = 0.2, final_time: float = 4.0) -> Scene:
-    joints = [(order, coefficient)] if coefficient else []
+    joints = [FractionalDamping(order=order, coefficient=coefficient)] if coefficient else []
     return double_pendulum(final_time=final_time, joints=joints, initial_position=[1.0, -0.5])
 
 

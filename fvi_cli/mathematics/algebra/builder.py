@@ -143,12 +143,6 @@ def terms_with(system: FormulaSystem, name: str) -> tuple[FormulaSystem, Formula
     return builder.system(sums[:1]), builder.system(sums[1:])
 
 
-def join(*systems: FormulaSystem) -> FormulaSystem:
-    """One program for the outputs of several."""
-    builder = Builder()
-    return builder.system([term for one in systems for term in builder.include(one)])
-
-
 @dataclass(frozen=True)
 class Term:
     """One place of a growing program; operators leave out zeros and ones."""

@@ -109,10 +109,6 @@ class Kind(Keys):
                     if words := objection(formula, numbers, begin, end, is_force=is_force):
                         yield Wrong(path, words)
 
-    def build_scene(self) -> Scene:
-        """The scene."""
-        raise ArgumentError("kind", f"{self.kind!r} is not the name of a scene")
-
     @abstractmethod
     def build_problem(self) -> AnyProblem:
         """The problem."""
@@ -164,8 +160,6 @@ class SceneKind(Kind):
     def build_scene(self) -> Scene:
         """The scene."""
         names = self.coordinate_names()
-        if self.parameters:
-            check_names(names, self.parameters)
         files = [one for one in self._matrices() if isinstance(one, MatrixFile)]
         sparse = any(is_sparse(one.form) for one in files)
         effects = effects_of(self.damping, on_coordinates(names, sparse=sparse))
@@ -190,9 +184,9 @@ class SceneKind(Kind):
             scene = replace(scene, forcing=force.cut(self.break_points))
         check_names_of_dampers((*scene.damping, *scene.laws), "damping")
         if self.parameters:
-            ready = dict.fromkeys(self.ready_quantities(), "a ready quantity")
-            inputs = dict.fromkeys({*self.forces} - {"forcing"}, "what drives the motion")
-            check_names(names, self.parameters, {**inputs, **names_of_dampers(scene), **ready})
+            taken = dict.fromkeys(self.ready_quantities(), "a ready quantity")
+            taken |= dict.fromkeys({*self.forces} - {"forcing"}, "what drives the motion")
+            check_names(names, self.parameters, taken | names_of_dampers(scene))
         return scene
 
     def make_scene(self, **data: Any) -> Scene:

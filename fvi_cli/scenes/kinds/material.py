@@ -21,7 +21,6 @@ from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.samples import Samples
 
-FEWEST_SAMPLES: Final = 8
 COORDINATE: Final = "u"
 
 
@@ -47,14 +46,9 @@ class Material(Kind):
     )
 
     def mistakes(self) -> Iterator[Wrong]:
-        """Few samples, or no end, too."""
+        """No end, too."""
         yield from super().mistakes()
-        if isinstance(self.displacement, Samples):
-            number = len(self.displacement.numbers)
-            if number < FEWEST_SAMPLES:
-                words = f"{number} samples; at least {FEWEST_SAMPLES} are needed"
-                yield Wrong(("displacement",), words)
-        elif self.final_time is None:
+        if self.final_time is None and not isinstance(self.displacement, Samples):
             yield Wrong(("final_time",), "missing; it must be a positive number")
 
     @model_validator(mode="after")
@@ -63,10 +57,6 @@ class Material(Kind):
             self.__dict__["final_time"] = float(self.displacement.numbers[-1, 0])
             self.__pydantic_fields_set__.add("final_time")
         return self
-
-    def build_scene(self) -> Scene:
-        """The law along its displacement."""
-        return self.along(self.build_motion())
 
     def build_motion(self) -> PrescribedMotion:
         """The displacement."""
@@ -84,8 +74,9 @@ class Material(Kind):
         motion.check()
         return motion
 
-    def along(self, motion: PrescribedMotion) -> Scene:
-        """The law along a displacement."""
+    def build_problem(self, motion: PrescribedMotion | None = None) -> Problem:
+        """The law along its displacement, or along `motion`; it has no errors."""
+        motion = motion or self.build_motion()
         check_names((COORDINATE,), self.parameters)
         terms = self.law if isinstance(self.law, list) else [self.law]
         effects = sorted_effects(effects_of(terms, on_coordinates((COORDINATE,)), "law"))
@@ -107,17 +98,9 @@ class Material(Kind):
         )
         if self.parameters:
             check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
-        return scene
-
-    def build_problem(self) -> Problem:
-        """The law along its displacement, which has no errors."""
-        return self.problem_along(self.build_motion())
-
-    def problem_along(self, motion: PrescribedMotion) -> Problem:
-        """The problem of the law along a displacement."""
         return Problem(
             kind=self.kind,
-            scene=self.along(motion),
+            scene=scene,
             exact_source="none",
             equation=self.equation,
             coordinates=(COORDINATE,),

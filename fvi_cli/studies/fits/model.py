@@ -117,7 +117,7 @@ class MotionModel:
         if isinstance(kind, Material) and not self._moves_displacement:
             if number not in self._motions:
                 self._motions[number] = kind.build_motion()
-            problem: AnyProblem = kind.problem_along(self._motions[number])
+            problem: AnyProblem = kind.build_problem(self._motions[number])
         else:
             problem = kind.build_problem()
         scene = problem.scene
