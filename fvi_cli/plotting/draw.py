@@ -64,22 +64,24 @@ def figure(
     )
     places = enumerate(zip(grid.flat, placed, strict=True))
     used = [(k, *pair) for k, pair in places if pair[1] or pair[0].set_axis_off()]
-    colours = _colours([panel for *_, panel in used]) if bar else None
+    if bar:
+        colours = _colours([panel for *_, panel in used])
+        used = [(k, axes, _coloured(panel, colours)) for k, axes, panel in used]
+        made.colorbar(colours, ax=list(grid.flat), location="top", aspect=40, label=wrap(bar, 50))
     for number, (place, axes, panel) in enumerate(used):
         row, column = divmod(place, columns)
-        painter(axes, panel if colours is None else _coloured(panel, colours))
+        painter(axes, panel)
         letter = rf"$\mathbf{{{chr(97 + number % 26)}}}$  " if len(used) > 1 else ""
         axes.set_title(letter + panel.title)
         is_covered = sharex and place + columns < len(placed) and placed[place + columns]
         is_beside = column and placed[place - 1] and placed[place - 1].y == panel.y
         axes.tick_params(labelbottom=not is_covered)
         axes.set_xlabel("" if is_covered else wrap(panel.x, _PER_INCH * width / columns))
-        axes.set_ylabel("" if is_beside else wrap(panel.y, _PER_INCH * heights[row]))
+        label = "" if is_beside else wrap(panel.y, _PER_INCH * heights[row])
+        axes.set_ylabel(label, linespacing=1.0)
     made.align_ylabels(grid)
     if finish:
         finish([axes for _, axes, _ in used], [panel for *_, panel in used])
-    if colours is not None:
-        made.colorbar(colours, ax=list(grid.flat), location="top", aspect=40, label=wrap(bar, 50))
     _add_legend(made, heading, is_right=columns == 2)
     return made
 
@@ -248,7 +250,10 @@ def _draw_fan(axes: Axes, panel: Panel) -> None:
 
 
 def waterfall(axes: Axes, panel: Panel) -> None:
-    """Curves one above the other, each displaced at its number `by`, filled to it."""
+    """Curves one above the other, filled to their numbers `by`; lines where they have none."""
+    if math.isnan(panel.curves[0].by):
+        lines(axes, panel)
+        return
     curves = sorted(panel.curves, key=lambda curve: curve.by)
     numbers, values = np.array([one.by for one in curves]), np.array([one.y for one in curves])
     up, down = np.maximum(values, 0.0), np.maximum(-values, 0.0)

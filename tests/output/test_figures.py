@@ -205,6 +205,24 @@ def test_runs_for_a_tolerance_are_drawn_within_their_steps_also_from_a_file(tmp_
     np.testing.assert_allclose(drawn_velocity(item), again.velocity(times), atol=1e-12)
 
 
+@pytest.mark.parametrize("scene", ["3 members", "bdf"])
+def test_runs_without_steps_are_drawn_as_cubic_polynomials(scene, tmp_path):
+    text = SCENES.get(scene) or configuration(
+        OSCILLATOR, name="bdf", method="[bdf3]", steps="64", more="figures: [phase]\n"
+    )
+    outcome = run_of(text)
+    (fine,) = fvi.run({**yaml.safe_load(text), "ladder": {"steps": [512]}})
+    item, other = outcome.finished[-1], fine.finished[-1]
+    times, position = drawn_motion(item)
+    assert times.size > max(600, 20 * item.run.n_steps)
+    every = times.size // item.run.n_steps
+    np.testing.assert_allclose(position[::every], item.trajectory.position, atol=1e-14)
+    exact = np.interp(times, *(np.ravel(one) for one in drawn_motion(other)))
+    assert np.abs(position[:, 0] - exact).max() < 1e-3 * np.ptp(exact)
+    rates = np.gradient(position[:, 0], times)
+    assert np.abs(drawn_velocity(item)[:, 0] - rates).max() < 0.02 * np.ptp(rates)
+
+
 def test_balance_shows_energy_works_and_a_sum_that_does_not_move():
     outcome = run_of(SCENES["motion"])
     figure = outcome.plot("balance")
@@ -216,7 +234,7 @@ def test_balance_shows_energy_works_and_a_sum_that_does_not_move():
 
 def test_a_waterfall_lifts_every_line_by_one_factor():
     outcome = run_of(SCENES["building"])
-    (above,) = outcome.plot("waterfall").axes
+    above, below = outcome.plot("waterfall").axes
     position = outcome.finished[0].trajectory.position
     moved = [line for line in above.lines if len(line.get_xdata()) > 2]
     lifted = {round(line.get_ydata()[0]): line.get_ydata() for line in moved}
@@ -225,6 +243,8 @@ def test_a_waterfall_lifts_every_line_by_one_factor():
     ]
     assert len(lifted) == 2
     assert all(np.ptp(one) < 1e-6 * one.mean() for one in factors)
+    (ground,) = (line for line in below.lines if len(line.get_xdata()) > 2)
+    np.testing.assert_allclose(ground.get_ydata(), np.sin(3 * ground.get_xdata()), atol=1e-12)
 
 
 def test_the_largest_peak_of_a_panel_has_its_number():

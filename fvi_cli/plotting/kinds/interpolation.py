@@ -36,19 +36,17 @@ def interpolation_figure() -> Figure:
     for x, y in zip(steps + tau, values @ basis.values(tau), strict=True):
         look = Look(colour=COLOURS[0], width=1.5)
         curves.append(Curve(x=x, y=y, label="$x_d(t)$, degree $s=2$", look=look))
-    names = ("$x_k=x_k^0$", "$x_k^1$", "$x_k^2=x_{k+1}$")
-    named = [(1 + x, y, name) for x, y, name in zip(control, values[1], names, strict=True)]
-    for x, y, label, colour, marker, marks in (
-        (steps + nodes, values @ basis.values(nodes), "quadrature points", 2, "x", []),
-        (steps + control[1], values[:, 1], "inner control points", 4, "o", named[1:2]),
-        (np.arange(_N_STEPS + 1.0), main, "control points at nodes", 1, "o", named[::2]),
+    for x, y, label, colour, marker in (
+        (steps + nodes, values @ basis.values(nodes), "quadrature points", 2, "x"),
+        (steps + control[1], values[:, 1], "inner control points", 4, "o"),
+        (np.arange(_N_STEPS + 1.0), main, "control points at nodes", 1, "o"),
     ):
         look = Look(colour=COLOURS[colour], marker=marker, width=0, size=5.0)
-        curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look, marks=marks))
+        curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look))
     for start, length, height, name, shade in (
         (0.0, 1.0, 0.12, "$h$", INK),
-        (1.0, nodes[0], 0.12, "$c_1h$", COLOURS[2]),
-        (1.0, nodes[1], 0.27, "$c_2h$", COLOURS[2]),
+        (1.0, nodes[0], 0.24, "$c_1h$", COLOURS[2]),
+        (1.0, nodes[1], 0.36, "$c_2h$", COLOURS[2]),
     ):
         look = Look(colour=shade, marker="|", width=0.8, size=4.0)
         ends, end = np.array([start, start + length]), (start + length, height, name)

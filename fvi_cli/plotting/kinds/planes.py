@@ -25,7 +25,7 @@ from fvi_cli.plotting.kinds.motions import (
 )
 from fvi_cli.plotting.kinds.runs import Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import COLOURS, INK, Look, cycled, dots
+from fvi_cli.plotting.style import BLACK, COLOURS, INK, Look, cycled, dots
 from fvi_cli.plotting.words import coordinates_of, position_label, time_label, velocity_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -199,19 +199,26 @@ def waterfall_figure(experiment: Experiment, finished: Sequence[FinishedRun]) ->
     """Draw the most accurate run as lines one above the other.
 
     For chains, frames and structures a line over time for every coordinate (up to 24), at its
-    number; for a string its shapes, at their times.
+    number, above the acceleration of their ground; for a string its shapes, at their times.
     """
-    kind, unit = experiment.problem.kind, experiment.units.get("length", "")
-    if kind not in _WATERFALLS:
+    problem, units = experiment.problem, experiment.units
+    if problem.kind not in _WATERFALLS:
         raise NothingToDraw(f"it is made for {', '.join(_WATERFALLS)}")
     time, position = drawn_motion(select(experiment, finished).best)
-    if kind == "string":
+    if problem.kind == "string":
         return figure([_string(experiment, time, position)], waterfall, height=3.4)
-    count = position.shape[1]
+    count, x, scene = position.shape[1], time_label(experiment), problem.scene
     drawn = np.unique(np.linspace(0, count - 1, min(count, _MOST_LINES)).round().astype(int))
     curves = [Curve(x=time, y=position[:, k], by=float(k + 1)) for k in drawn]
-    panel = Panel(curves=curves, x=time_label(experiment), y=_WATERFALLS[kind], unit=unit)
-    return figure([panel], waterfall, height=3.4)
+    unit = units.get("length", "")
+    panels = [Panel(curves=curves, x=x, y=_WATERFALLS[problem.kind], unit=unit)]
+    is_shaken = "ground_acceleration" in experiment.problem_specification
+    if is_shaken and scene is not None and scene.forcing is not None:
+        # the force on the first storey is its mass times the acceleration of the ground
+        ground = -scene.forcing(time)[:, 0] / scene.inertia.mass[0, 0]
+        y = with_unit("ground acceleration", units, "acceleration")
+        panels.append(Panel(curves=[Curve(x=time, y=ground, look=BLACK)], x=x, y=y, levels=[0.0]))
+    return figure(panels, waterfall, height=(3.2, 1.0)[: len(panels)], sharex=True)
 
 
 def _string(experiment: Experiment, time: Array, position: Array) -> Panel:

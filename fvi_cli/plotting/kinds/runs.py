@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.integrator.method import AnyMethod, Baseline
+from fvi_cli.integrator.method import Baseline
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.panels import Curve, NothingToDraw
 from fvi_cli.plotting.style import COLOURS, Look, method_words
@@ -20,9 +20,8 @@ from fvi_cli.studies.members import Member, value_in_words
 
 Motion = Callable[[FinishedRun], tuple[Array, Array]]
 
+_ALIKE = {"label": "members", "look": Look(colour="#8fb8d4", width=0.4)}
 _MOST_NAMED, _MOST_MEMBERS, _MOST_PANELS = 6, 100, 4  # with names in a legend; lines; columns
-_MEAN = Look(colour=COLOURS[0], width=1.6)
-_PALE = {"label": "members", "look": Look(colour="#8fb8d4", width=0.4)}
 
 
 def distinguish(
@@ -30,9 +29,9 @@ def distinguish(
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     """Label, number or look of a curve for each member, and the titles of their figure.
 
-    Up to six have names and their legend a heading; more have colours by their swept number, with
-    the name of the colour bar, if there is such a number, else they look alike. Their values of the
-    keys `without` are shown otherwise.
+    Up to six have names, and their legend a heading; more have colours by their swept number, and
+    the colour bar a name; without a single number they look alike. Their values of the keys
+    `without` are shown otherwise.
     """
     found = [one for one in members if one is not None]
     if not found or len(found) < len(members):
@@ -51,7 +50,7 @@ def distinguish(
         return [{"label": name} for name in names], {"heading": heading}
     if len(labels) == 1 and all(isinstance(own[0], int | float) for own in values):
         return [{"by": float(own[0])} for own in values], {"bar": heading}
-    return [_PALE] * len(found), {"heading": f"{len(found)} members: {heading}"}
+    return [_ALIKE] * len(found), {"heading": f"{len(found)} members: {heading}"}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +58,7 @@ class Shown:
     """The runs of a figure, in columns by title."""
 
     columns: Mapping[str, Sequence[FinishedRun]]
-    words: Mapping[FinishedRun, dict[str, Any]]  # label, look or number of their curves
+    words: Mapping[FinishedRun, dict[str, Any]]  # label and look, or number of their curves
     titles: Mapping[str, Any]  # heading of the legend, or name of the colour bar
 
     @property
@@ -74,26 +73,21 @@ class Shown:
         return min(measured, key=lambda one: one.error) if measured else self.runs[-1]
 
     def curves(self, motion: Motion, runs: Sequence[FinishedRun] | None = None) -> list[Curve]:
-        """A curve for every run by `motion`, its abscissas and ordinates; members have no look.
-
-        Where nothing distinguishes members, also their mean.
-        """
-        shown = self.runs if runs is None else runs
-        pairs = [motion(one) for one in shown]
-        curves = [
-            Curve(x=x, y=y, **self.words[one]) for one, (x, y) in zip(shown, pairs, strict=True)
-        ]
+        """A curve for every run by `motion`, its abscissas and ordinates, and :func:`mean_of`."""
+        curves = []
+        for one in self.runs if runs is None else runs:
+            x, y = motion(one)
+            curves.append(Curve(x=x, y=y, **self.words[one]))
         return [*curves, *mean_of(curves)]
 
 
 def mean_of(curves: Sequence[Curve]) -> list[Curve]:
-    """The mean of curves of members that nothing distinguishes and that have the same abscissas."""
-    if any(one.look is not _PALE["look"] for one in curves):
+    """The mean of curves of members that look alike, if they have the same abscissas."""
+    is_alike = all(one.look is _ALIKE["look"] for one in curves)
+    if not is_alike or not all(np.array_equal(one.x, curves[0].x) for one in curves):
         return []
-    x = curves[0].x
-    if not all(np.array_equal(one.x, x) for one in curves):
-        return []
-    return [Curve(x=x, y=np.mean([one.y for one in curves], axis=0), label="mean", look=_MEAN)]
+    mean = np.mean([one.y for one in curves], axis=0)
+    return [Curve(x=curves[0].x, y=mean, label="mean", look=Look(colour=COLOURS[0], width=1.6))]
 
 
 def select(
@@ -170,17 +164,20 @@ def members_apart(
 
 
 def by_degree(finished: Sequence[FinishedRun]) -> dict[str, list[FinishedRun]]:
-    """The runs of every degree of BDF, by title; an empty one where there is only one degree."""
-    degrees = {one: _degree(one.run.method) for one in finished}
-    every = sorted(set(degrees.values()) - {0})
+    """The runs of every degree of BDF, by title; an empty one where there is only one degree.
+
+    Methods that have no choice of it are in all.
+    """
+    methods = [one.run.method for one in finished]
+    degrees = [
+        0 if isinstance(one, Baseline) or one.is_runge_kutta else one.degree for one in methods
+    ]
+    every = sorted(set(degrees) - {0})
     if len(every) < 2:
         return {"": list(finished)}
     return {
-        f"degree {degree}": [one for one in finished if degrees[one] in (0, degree)]
+        f"degree {degree}": [
+            one for one, own in zip(finished, degrees, strict=True) if own in (0, degree)
+        ]
         for degree in every
     }
-
-
-def _degree(method: AnyMethod) -> int:
-    """The degree of a BDF method; 0 of methods that have no choice of it."""
-    return 0 if isinstance(method, Baseline) or method.is_runge_kutta else method.degree
