@@ -24,6 +24,10 @@ def _difference(of: Item) -> float:
     return float(of.model.criterion - of.result.best.criterion) if is_finite else math.inf
 
 
+def _discretisation(of: Item) -> float | None:
+    return of.model.discretisation if of.model.steps else None
+
+
 PARAMETERS = (
     Column("", "model", get="model.model.name"),
     Column("parameter", "parameter", get="one.name"),
@@ -54,9 +58,10 @@ MODELS = (
     Column("aicc_difference", "difference", ".1f", ROUGH, get=_difference),
     # probability (Ljung and Box) of the residuals if they are noise
     Column("whiteness", "noise?", ".2g", VAGUE, get="model.whiteness"),
-    Column("steps", "steps", within=None, get="model.steps"),
+    # none for responses, which need no runs
+    Column("steps", "steps", within=None, get=lambda of: of.model.steps or None),
     # error of the runs over the residuals
-    Column("discretisation", "their error", ".0e", None, get="model.discretisation"),
+    Column("discretisation", "error of runs", ".0e", None, get=_discretisation),
     Column("status", "status", get=_status),
     Column("message", within=None, get="model.message"),
 )
