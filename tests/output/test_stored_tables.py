@@ -11,7 +11,6 @@ import pytest
 from made_runs import BDF2, STEPS, made_run, one_case, powers, row, table_of
 
 from fvi_cli import reports
-from fvi_cli.errors import StorageError
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.studies.experiment import FinishedRun, Run
 from fvi_cli.studies.order import OrderTable
@@ -42,20 +41,6 @@ def test_all_files_are_written_and_nothing_else_is_left(tmp_path):
     paths = write(tmp_path / "new", BASE)
     names = {f"made-up.{form}" for form in ("csv", "md", "tex")}
     assert {path.name for path in paths} == names == {p.name for p in (tmp_path / "new").iterdir()}
-
-
-def _no_space(handle: int) -> None:
-    raise OSError("no space")
-
-
-def test_a_write_that_fails_leaves_the_old_file_whole(tmp_path, monkeypatch):
-    write(tmp_path, BASE)
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    with monkeypatch.context() as patch:
-        patch.setattr("os.fsync", _no_space)
-        with pytest.raises(StorageError, match="no space"):
-            write(tmp_path, table_of(count=3))
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 def test_a_missing_file_is_told_and_nothing_is_written(tmp_path):
