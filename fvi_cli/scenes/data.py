@@ -23,7 +23,7 @@ from fvi_cli.effects.potential import (
     QuadraticPotential,
 )
 from fvi_cli.effects.scene import Derivative, Scene
-from fvi_cli.errors import ArgumentError, excerpt
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -85,17 +85,11 @@ def given_force(given: object, name: str = "forcing") -> Forcing | None:
     """A force; formulas in t are converted to one."""
     if given is None or isinstance(given, Forcing):
         return given
-    texts = [given] if isinstance(given, str) else given
-    if isinstance(texts, list | tuple) and texts and all(isinstance(one, str) for one in texts):
-        try:
-            return Forcing.from_text(*texts)
-        except ValueError as error:
-            raise ArgumentError(name, str(error)) from None
-    raise ArgumentError(
-        name,
-        f"{excerpt(repr(given))} is no force; write a formula in t such as '0.3*cos(1.2*t)', a "
-        "list of one for every coordinate, or fvi.Forcing.from_samples(times, values)",
-    )
+    try:
+        return Forcing.from_text(*([given] if isinstance(given, str | float) else given))  # type: ignore[misc]
+    except (TypeError, ValueError) as error:
+        words = "write a formula in t such as '0.3*cos(1.2*t)', or a list of one per coordinate"
+        raise ArgumentError(name, f"{error}; {words}") from None
 
 
 def make_scene(

@@ -52,10 +52,8 @@ class Pieces(Keys):
         before = 0.0
         for number, piece in enumerate(self.pieces):
             is_last, at = number == len(self.pieces) - 1, ("pieces", number, "until")
-            if piece.until is None and not is_last:
-                yield Wrong(at, "missing; only the last piece has no end")
-            elif piece.until is not None and is_last:
-                yield Wrong(at, "not allowed in the last piece, which holds until the end")
+            if (piece.until is None) != is_last:
+                yield Wrong(at, "every piece but the last has an end, and only these")
             elif piece.until is not None and piece.until <= before:
                 yield Wrong(at, f"{piece.until:g} is not after {before:g}; ends must increase")
             before = piece.until or before

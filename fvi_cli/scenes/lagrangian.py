@@ -226,10 +226,7 @@ def _recognise(
     except ExpressionError:
         # the Lagrangian has no value at rest
         separated = None
-    if separated is None:
-        return _Recognised(general=general)
-    potential, linear, forcing = separated
-    return _Recognised(mass=mass, potential=potential, linear=linear, forcing=forcing)
+    return _Recognised(general=general) if separated is None else replace(separated, mass=mass)
 
 
 def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
@@ -243,7 +240,7 @@ def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
 
 def _separate(
     general: Lagrangian, at_rest: Mapping[str, float], *, is_smooth: bool
-) -> tuple[Potential | None, LinearPotential | None, tuple[Expression, ...] | None] | None:
+) -> _Recognised | None:
     """V(q), the linear potential c - f q, and f(t), with V + c - f q - f(t) q = -L at rest.
 
     None where L has no such form.
@@ -259,22 +256,18 @@ def _separate(
         # terms linear in q act as forces, also constant ones
         potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
         loads = bound(forces, origin)
-        return potential, _linear(static, loads, origin, parameters), _forces(loads, parameters)
+        linear = _linear(static, loads, origin, parameters)
+        own = _forces(loads, parameters)
+        return _Recognised(potential=potential, linear=linear, forcing=own)
     moving = derivatives(timed, along)[1:]
     rest = derivatives(moving, along)[len(names) :].constants(parameters, (*names, TIME))
     if rest is None or any(rest) or timed.kinked & set(names):
         return None
+    variables = (*names, *parameters)
+    energy = Expression("the potential energy", variables, system=negative(static))
     own = _forces(bound(moving, origin), parameters)
-    energy = Expression(
-        "the potential energy",
-        (*names, *parameters),
-        system=negative(static),
-    )
-    return (
-        ExpressionPotential(coordinates=names, energy_expression=energy, parameters=parameters),
-        None,
-        own,
-    )
+    smooth = ExpressionPotential(coordinates=names, energy_expression=energy, parameters=parameters)
+    return _Recognised(potential=smooth, forcing=own)
 
 
 def _linear(
