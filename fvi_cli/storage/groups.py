@@ -118,7 +118,7 @@ class GroupWriter:
                 if keys and not _is_shared(name):
                     axes[name] = (MEMBER, *axes[name])
                     node.resize(len(rows), axis=0)
-            attach_scales(group.id, axes, grows=bool(keys))
+            attach_scales(group, axes, grows=bool(keys))
 
     def _write_single(self, path: str, record: Record) -> None:
         if path in self.file:
@@ -127,7 +127,7 @@ class GroupWriter:
         self._rows[path] = {}
         for name, values in record.arrays.items():
             put(group, name, values, long_name=meaning(name))
-        write_attributes(group, record.values)
+        write_attributes(group.id, record.values)
 
     def _write_members(self, path: str, records: Sequence[Record]) -> None:
         if path not in self._rows:
@@ -147,11 +147,11 @@ class GroupWriter:
                 continue
             # all members have the longest coordinate in common
             longest = max((one for one in own if one is not None), key=len)
-            if name.encode() not in group or len(self.file[path][name]) < len(longest):
+            if name not in group or len(group[name]) < len(longest):
                 put(group, name, longest, grows=True, long_name=meaning(name))
         if is_new:
             common = {name: first.values[name] for name in OF_GROUP if name in first.values}
-            write_attributes(group, {SWEPT: list(first.keys), **common})
+            write_attributes(group.id, {SWEPT: list(first.keys), **common})
 
 
 def _column(values: Sequence[Any]) -> NDArray[Any]:

@@ -1,14 +1,12 @@
 """Groups and attributes of HDF5 in which every byte has a checksum.
 
 Datasets have fletcher32, headers of objects the checksums of the file format 1.10. Text is of fixed
-length, since texts of variable length lie in HDF5's global heap, which has no checksum. The
-low-level interface of h5py is three times as fast as the usual one.
+length, since texts of variable length lie in HDF5's global heap, which has no checksum.
 """
 
 from __future__ import annotations
 
 import contextlib
-import functools
 import io
 import json
 import math
@@ -19,7 +17,7 @@ from typing import Any, Final
 
 import h5py
 import numpy as np
-from h5py import h5a, h5d, h5ds, h5g, h5p, h5s, h5t
+from h5py import h5a, h5ds, h5g, h5p, h5s, h5t
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
@@ -114,6 +112,7 @@ def _refuse_strangers(file: h5py.File, source: Source) -> None:
         )
     if root["format"] != FORMAT:
         version = file.attrs.get("fvi_version", "another version")
+        version = version.decode() if isinstance(version, bytes) else version
         raise StorageError(OTHER_VERSION.format(path=_name_of(source), version=version))
 
 
@@ -121,15 +120,15 @@ def _name_of(source: Source) -> str:
     return "results in memory" if isinstance(source, bytes) else str(source)
 
 
-def make_group(file: h5py.File, path: str) -> h5g.GroupID:
+def make_group(file: h5py.File, path: str) -> h5py.Group:
     """A group of a file, which is made where it is missing."""
     if path in file:
-        return h5g.open(file.id, path.encode())
-    return h5g.create(file.id, path.encode(), LINKS, _GROUP)
+        return file[path]
+    return h5py.Group(h5g.create(file.id, path.encode(), LINKS, _GROUP))
 
 
 def put(
-    group: h5g.GroupID,
+    group: h5py.Group,
     name: str,
     values: NDArray[Any],
     rows: Sequence[int] | None = None,
@@ -142,70 +141,70 @@ def put(
     Rows that nobody has written hold nan, -1 or an empty text.
     """
     shape = values.shape if rows is None else (max(rows) + 1, *values.shape[1:])
-    if name.encode() in group:
-        node = _fitting(group, name, shape, values.dtype)
-    else:
-        node = _create(group, name, shape, values.dtype, grows=grows)
-        write_attributes(node, attributes)
-    if not values.size:
-        return
-    values = np.ascontiguousarray(values, dtype=node.dtype)
-    kind = _type(values.dtype)
+    if name not in group:
+        _create(group, name, shape, values.dtype, grows=grows)
+        write_attributes(group[name].id, attributes)
+    node = _fitting(group, name, shape, values.dtype)
+    if values.dtype.kind == "S":
+        # HDF5 converts no text without the name of its encoding
+        values = values.astype(f"S{node.dtype.itemsize}").view(node.dtype)
     if rows is None:
-        node.write(h5s.ALL, h5s.ALL, values, mtype=kind)
+        node[...] = values
         return
-    for first, last in stretches(rows):
-        own, space = values[first:last], node.get_space()
-        space.select_hyperslab((rows[first], *(0,) * (own.ndim - 1)), own.shape)
-        node.write(h5s.create_simple(own.shape), space, own, mtype=kind)
-
-
-def stretches(rows: Sequence[int]) -> Iterator[tuple[int, int]]:
-    """Begins and ends of the stretches of a list in which each row follows the one before."""
     ends = [k for k in range(1, len(rows)) if rows[k] != rows[k - 1] + 1]
-    return zip([0, *ends], [*ends, len(rows)], strict=True)
+    for first, last in zip([0, *ends], [*ends, len(rows)], strict=True):
+        node[rows[first] : rows[last - 1] + 1] = values[first:last]
 
 
 def _create(
-    group: h5g.GroupID, name: str, shape: tuple[int, ...], dtype: Any, *, grows: bool
-) -> h5d.DatasetID:
-    space = h5s.create_simple(shape, (h5s.UNLIMITED,) * len(shape) if grows else shape)
-    layout = _layout(shape, dtype, grows=grows)
-    return h5d.create(group, name.encode(), _type(dtype), space, layout, LINKS)
+    group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any, *, grows: bool
+) -> h5py.Dataset:
+    """A dataset in chunks with a checksum; small data is one chunk."""
+    options: dict[str, Any] = {"maxshape": (None,) * len(shape)} if grows else {}
+    if grows or all(shape):
+        chunk = [max(1, size) for size in shape]
+        for axis in reversed(range(len(chunk))):
+            inner = dtype.itemsize * math.prod(chunk[axis + 1 :])
+            least = min(LEAST_ROWS, LEAST_BYTES // inner) if grows and axis == 0 else 1
+            chunk[axis] = max(1, least, min(chunk[axis], CHUNK_BYTES // inner))
+        options |= {"chunks": tuple(chunk), "fletcher32": True}
+    if dtype.kind == "S":
+        options |= {"compression": "gzip"} if dtype.itemsize * shape[0] > 256 else {}
+        dtype = h5py.string_dtype("utf-8", dtype.itemsize)
+    fill = FILL.get(dtype.kind)
+    return group.create_dataset(name, shape, dtype, fillvalue=fill, track_times=False, **options)
 
 
-def _fitting(group: h5g.GroupID, name: str, shape: tuple[int, ...], dtype: Any) -> h5d.DatasetID:
+def _fitting(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any) -> h5py.Dataset:
     """A dataset that holds such values; one of other numbers or longer texts is made anew."""
-    node = h5d.open(group, name.encode())
+    node = group[name]
     size = tuple(map(max, node.shape, shape))
     needed = np.result_type(node.dtype, dtype)
-    if needed != node.dtype:
-        old = h5py.Dataset(node)
-        values, attributes = old[()].astype(needed), dict(old.attrs)
-        group.unlink(name.encode())
-        node = _create(group, name, size, needed, grows=True)
-        put(group, name, values, range(len(values)))
-        for key, value in attributes.items():
-            if key.encode() not in SCALE_ATTRIBUTES:
-                h5py.Dataset(node).attrs[key] = value
-    elif size != node.shape:
-        node.set_extent(size)
-    return node
+    if needed == node.dtype:
+        if size != node.shape:
+            node.resize(size)
+        return node
+    values = node[()]
+    del group[name]
+    new = _create(group, name, size, needed, grows=True)
+    copy_attributes(node, new, ())
+    put(group, name, values.astype(needed), range(len(values)))
+    return new
 
 
 def attach_scales(
-    group: h5g.GroupID, axes: Mapping[str, tuple[str, ...]], *, grows: bool = False
+    group: h5py.Group, axes: Mapping[str, tuple[str, ...]], *, grows: bool = False
 ) -> None:
     """Attach dimension scales to datasets, by which netCDF knows their axes.
 
     An axis that has no values gets numbers.
     """
     for name, own in axes.items():
-        for axis, size in zip(own, h5d.open(group, name.encode()).shape, strict=True):
+        for axis, size in zip(own, group[name].shape, strict=True):
             if axis not in axes:
                 put(group, axis, np.arange(size, dtype="<i8"), grows=grows)
     every = [*axes, *dict.fromkeys(axis for own in axes.values() for axis in own)]
-    sets = {name: h5d.open(group, name.encode()) for name in every}
+    sets = {name: group[name].id for name in every}
     for node in sets.values():
         for attribute in SCALE_ATTRIBUTES:
             if h5a.exists(node, attribute):
@@ -216,40 +215,6 @@ def attach_scales(
         if own != (name,):
             for number, axis in enumerate(own):
                 h5ds.attach_scale(sets[name], sets[axis], number)
-
-
-@functools.lru_cache(maxsize=1024)
-def _layout(shape: tuple[int, ...], dtype: Any, *, grows: bool) -> h5p.PropDCID:
-    """Chunks with a checksum; small data is one chunk."""
-    found = h5p.create(h5p.DATASET_CREATE)
-    found.set_attr_phase_change(65535, 0)
-    found.set_obj_track_times(False)
-    if dtype.kind in FILL:
-        found.set_fill_value(np.array(FILL[dtype.kind], dtype=dtype))
-    if not (grows or all(shape)):
-        return found
-    chunk = [max(1, size) for size in shape]
-    for axis in reversed(range(len(chunk))):
-        inner = dtype.itemsize * int(np.prod(chunk[axis + 1 :]))
-        least = min(LEAST_ROWS, LEAST_BYTES // inner) if grows and axis == 0 else 1
-        chunk[axis] = max(1, least, min(chunk[axis], CHUNK_BYTES // inner))
-    found.set_chunk(tuple(chunk))
-    if dtype.kind == "S" and dtype.itemsize * chunk[0] > 256:
-        found.set_deflate(1)
-    found.set_fletcher32()
-    return found
-
-
-@functools.lru_cache(maxsize=1024)
-def _type(dtype: Any) -> Any:
-    """The type in the file; text is UTF-8 of fixed length."""
-    if dtype.kind != "S":
-        return h5t.py_create(dtype, logical=True)
-    kind = h5t.C_S1.copy()
-    kind.set_size(max(dtype.itemsize, 1))
-    kind.set_cset(h5t.CSET_UTF8)
-    kind.set_strpad(h5t.STR_NULLPAD)
-    return kind
 
 
 def as_text(value: Any) -> str:
@@ -265,7 +230,9 @@ def write_attributes(node: Any, attributes: Mapping[str, Any]) -> None:
         else:
             data = np.asarray(value)
             data = data.astype("<i8" if data.dtype.kind in "iub" else "<f8")
-        kind = _type(data.dtype)
+        is_text = data.dtype.kind == "S"
+        named = h5py.string_dtype("utf-8", data.dtype.itemsize) if is_text else data.dtype
+        kind = h5t.py_create(named, logical=True)
         space = h5s.create_simple(data.shape) if data.ndim else h5s.create(h5s.SCALAR)
         if h5a.exists(node, name.encode()):
             h5a.delete(node, name.encode())

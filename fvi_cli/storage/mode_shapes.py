@@ -7,7 +7,6 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-from h5py import h5g
 
 from fvi_cli.storage.files import explain_os_error, replacement
 from fvi_cli.storage.hdf5 import LIBVER, attach_scales, make_group, put, write_attributes
@@ -34,7 +33,7 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
                 _write(make_group(file, name), table)
 
 
-def _write(group: h5g.GroupID, table: ModeTable) -> None:
+def _write(group: h5py.Group, table: ModeTable) -> None:
     modes = table.modes
     shapes = np.array([mode.shape for mode in modes])
     columns = {
@@ -53,7 +52,7 @@ def _write(group: h5g.GroupID, table: ModeTable) -> None:
         put(group, name, np.asarray(values))
     counted = -1 if table.counted is None else table.counted
     complete = "yes" if table.is_complete else "no"
-    write_attributes(group, {"member": table.member, "counted": counted, "complete": complete})
+    write_attributes(group.id, {"member": table.member, "counted": counted, "complete": complete})
     of_mode = dict.fromkeys(columns, ("mode",))
     of_shapes = dict.fromkeys(("shape_real", "shape_imaginary"), ("mode", "dof"))
     attach_scales(group, of_mode | of_shapes | {"coordinate": ("dof",)})
