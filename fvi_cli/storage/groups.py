@@ -183,10 +183,10 @@ def read_records(
 ) -> Iterator[list[Record]]:
     """The runs in some rows of a group, or in all, in blocks of limited size.
 
-    Without `motions` members have only their events.
+    Without `motions` they have only the arrays of events.
     """
     keys, path = keys_in(group), str(group.name)
-    nodes = _own_datasets(group, keys)
+    nodes = _own_datasets(group, keys, "" if motions or keys else "events/")
     common = {name: _value(name, one) for name, one in read_attributes(group.id).items()}
     if not keys:
         yield [Record(path, common, {name: node[()] for name, node in nodes.items()})]
@@ -244,11 +244,14 @@ def _is_shared(name: str) -> bool:
     return axes_of(name) == (name,)
 
 
-def _own_datasets(group: h5py.Group, keys: Sequence[str]) -> dict[str, h5py.Dataset]:
-    """The arrays and columns of a group that are of this program."""
+def _own_datasets(
+    group: h5py.Group, keys: Sequence[str], above: str = ""
+) -> dict[str, h5py.Dataset]:
+    """The arrays and columns of this program in a group, or below a path in it."""
+    found = datasets(group[above or "."]) if not above or above in group else ()
     labels = {IDENTITY, NUMBER, DESIGN, *LENGTHS.values(), *keys} if keys else ()
     return {
         name: node
-        for name, node in datasets(group)
+        for name, node in ((above + path, node) for path, node in found)
         if name in labels or ((one := field_named(name)) is not None and (one.axes or keys))
     }

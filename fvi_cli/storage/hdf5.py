@@ -91,10 +91,19 @@ def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
     """
     if isinstance(source, Path) and source.is_dir():
         raise StorageError(f"{source}: is a folder, not a result file")
+    with (
+        damage_named(source, part),
+        h5py.File(io.BytesIO(source) if isinstance(source, bytes) else source) as file,
+    ):
+        _refuse_strangers(file, source)
+        yield file
+
+
+@contextlib.contextmanager
+def damage_named(source: Source, part: str) -> Iterator[None]:
+    """Name the part of a file that HDF5 cannot read."""
     try:
-        with h5py.File(io.BytesIO(source) if isinstance(source, bytes) else source) as file:
-            _refuse_strangers(file, source)
-            yield file
+        yield
     except FileNotFoundError:
         raise
     except _READ_ERRORS as error:
@@ -104,7 +113,7 @@ def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
 
 
 def _refuse_strangers(file: h5py.File, source: Source) -> None:
-    root = {name: file.attrs[name] for name in file.attrs if name in ("creator", "format")}
+    root = {name: file.attrs[name] for name in ("creator", "format") if name in file.attrs}
     if root.get("creator") not in (CREATOR, CREATOR.encode()) or "format" not in root:
         raise StorageError(
             f"{_name_of(source)}: was not written by fvi; it is left as it is: move it away, or "

@@ -18,7 +18,7 @@ from fvi_cli.storage.fields import TIME, finished_of
 from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
 from fvi_cli.storage.fold import KEPT, fold_files
 from fvi_cli.storage.groups import Record, identities_in, read_records, run_groups
-from fvi_cli.storage.hdf5 import OTHER_VERSION, Source, opened, read_plain
+from fvi_cli.storage.hdf5 import OTHER_VERSION, Source, damage_named, opened, read_plain
 from fvi_cli.storage.identity import identity_of, reference_identity_of, variant_of
 from fvi_cli.storage.parts import CONFIGURATION, INPUTS, configuration_part_of
 from fvi_cli.studies.experiment import FinishedRun, Run
@@ -152,7 +152,7 @@ class Store:
     def read(self, runs: Sequence[Run], *, motions: bool = True) -> dict[Run, FinishedRun]:
         """The stored ones among some runs; a search gives the run that it chose.
 
-        Without `motions` members of a sweep have no points.
+        Without `motions` they have no points.
         """
         names = {run: identity_of(run) for run in runs}
         found = {}
@@ -176,17 +176,19 @@ class Store:
         self, names: Mapping[Run, str], *, motions: bool = True
     ) -> Iterator[tuple[Run, Record]]:
         """The stored runs or references with some identities."""
-        groups: dict[tuple[Source, str], dict[int, list[Run]]] = {}
+        places: dict[Source, dict[str, dict[int, list[Run]]]] = {}
         for run, name in names.items():
             if place := self._places.get(name):
-                rows = groups.setdefault((place.source, place.group), {})
-                rows.setdefault(place.row, []).append(run)
-        for (source, path), rows in groups.items():
-            with opened(source, path) as file:
-                order = sorted(rows)
-                records = chain.from_iterable(read_records(file[path], order, motions=motions))
-                for row, one in zip(order, records, strict=True):
-                    yield from ((run, one) for run in rows[row])
+                groups = places.setdefault(place.source, {})
+                groups.setdefault(place.group, {}).setdefault(place.row, []).append(run)
+        for source, groups in places.items():
+            with opened(source) as file:
+                for path, rows in groups.items():
+                    with damage_named(source, path):
+                        blocks = read_records(file[path], sorted(rows), motions=motions)
+                        records = list(chain.from_iterable(blocks))
+                    for row, one in zip(sorted(rows), records, strict=True):
+                        yield from ((run, one) for run in rows[row])
 
     def describe(self, text: str, resolved: Mapping[str, Any], overrides: Sequence[str]) -> None:
         """Store the configuration of a command, unless the file has it already."""

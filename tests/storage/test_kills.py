@@ -61,5 +61,4 @@ def test_kills_at_any_time_lose_nothing_that_is_stored(tmp_path):
     (kept,) = fvi.recall(tmp_path / "results/many.h5")
     for one, other in zip(fresh.finished, kept.finished, strict=True):
         assert np.array_equal(one.trajectory.position, other.trajectory.position)
-        assert one.error == other.error
     assert computing > KILLS // 2
