@@ -96,7 +96,7 @@ def test_a_result_file_tells_what_it_holds(tmp_path):
     fvi.run(CONFIG, output=tmp_path)
     stored = fvi.contents(tmp_path / "free.h5")
     assert [run.values["n_steps"] for run in stored.runs] == [4, 8, 16, 32]
-    assert "gauss-s2-graded" in fvi.as_text(stored)
+    assert "Gauss2" in fvi.as_text(stored)
 
 
 COMMANDS = {  # what each command prints under a heading, by the call that stands for it
@@ -206,10 +206,7 @@ def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told():
 
 def test_an_outcome_is_short():
     (outcome,) = fvi.run({**CONFIG, "method": [{"rk": "gauss", "degree": [2, 3]}]})
-    lines = repr([outcome]).splitlines()
-    assert len(lines) == 3
-    assert "Gauss2 4 ok error" in lines[1]
-    assert max(map(len, lines)) < 80
+    assert repr(outcome) == "<Outcome free: 8 ok>"
     assert len(repr(outcome.finished[0])) < 80
     # one outcome does where a list would
     assert list(fvi.figures(outcome)) == list(fvi.figures([outcome])) == ["free-convergence"]

@@ -45,11 +45,11 @@ from fvi_cli.render.results import quantities as quantities
 from fvi_cli.render.results import write as write
 from fvi_cli.runner.compute import recall as recall
 from fvi_cli.runner.compute import run as run
-from fvi_cli.runner.cost import cost as cost
-from fvi_cli.runner.fit import fit as fit
 from fvi_cli.runner.outcome import Outcome as Outcome
 from fvi_cli.runner.request import load as load
-from fvi_cli.runner.stability import stability as stability
+from fvi_cli.runner.studies import cost as cost
+from fvi_cli.runner.studies import fit as fit
+from fvi_cli.runner.studies import stability as stability
 from fvi_cli.runner.vibration import modes as modes
 from fvi_cli.runner.vibration import response as response
 from fvi_cli.scenes.data import duffing as duffing

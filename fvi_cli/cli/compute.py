@@ -106,30 +106,30 @@ def cost(
     repeats: Annotated[int, typer.Option(min=1, help="How often every run is timed.")] = 5,
 ) -> int:
     """Measure error, time and work of every method and baseline, one run after the other."""
-    from fvi_cli.runner import cost as study
+    from fvi_cli.runner import studies
 
-    return call.each(configs, study.cost_tasks, study.cost, repeats=repeats)
+    return call.each(configs, studies.cost_tasks, studies.cost, repeats=repeats)
 
 
 @command(COMPUTE, *STUDY)
 def stability(call: Call, configs: Configs) -> int:
     """Predict the stability of every method over steps and parameters."""
-    from fvi_cli.runner import stability as study
+    from fvi_cli.runner import studies
 
-    return call.each(configs, study.stability_tasks, study.stability)
+    return call.each(configs, studies.stability_tasks, studies.stability)
 
 
 @command(COMPUTE, *STUDY)
 def fit(call: Call, configs: Configs) -> int:
     """Fit numbers of a problem to measured motions, with confidence intervals."""
-    from fvi_cli.runner import fit as study
+    from fvi_cli.runner import studies
 
     def show(config: LoadedConfig, found: list[FitResult]) -> None:
         call.show(config, found)
         if not call.check:
-            call.wrote(study.write_fitted(config, found, call.output))
+            call.wrote(studies.write_fitted(config, found, call.output))
 
-    return call.each(configs, study.fit_tasks, study.fit, show)
+    return call.each(configs, studies.fit_tasks, studies.fit, show)
 
 
 @command(LINEAR, *STUDY)

@@ -18,7 +18,7 @@ from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
 from fvi_cli.mathematics.zeros import count_zeros
 from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.stability import COLUMNS, stability_report
-from fvi_cli.runner.stability import stability
+from fvi_cli.runner.studies import stability
 from fvi_cli.studies.stability_study import distinct_regions
 
 GAUSS = Method(cq="gauss", degree=2)
