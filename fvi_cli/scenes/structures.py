@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal, Unpack
@@ -68,6 +69,12 @@ class RayleighFactors(Keys):
 Rayleigh = Annotated[RayleighRatios | RayleighFactors, BY_FORM]
 
 
+@functools.cache
+def _rayleigh() -> TypeAdapter[Any]:
+    # models are slow to make
+    return TypeAdapter(Rayleigh)
+
+
 def rayleigh_damping(mass: Form, stiffness: Form, given: object) -> FractionalDamping:
     r"""The term :math:`(a M + b K) D^\gamma x` of a mapping with its factors or two ratios.
 
@@ -79,7 +86,7 @@ def rayleigh_damping(mass: Form, stiffness: Form, given: object) -> FractionalDa
         For modes that do not exist or have the same frequency, and for ratios that need a negative
         factor a or b, which would make other modes grow.
     """
-    keys = TypeAdapter[Any](Rayleigh).validate_python(given)
+    keys = _rayleigh().validate_python(given)
     if isinstance(keys, RayleighFactors):
         whole = keys.mass * mass + keys.stiffness * stiffness
         return FractionalDamping(order=keys.order, coefficient=whole)

@@ -8,7 +8,6 @@ import pytest
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.effects.matrices import dense
-from fvi_cli.errors import ConfigError
 from fvi_cli.scenes.records.inputs import kept_numbers
 from fvi_cli.scenes.registry import build_scene
 
@@ -92,14 +91,6 @@ def test_a_damper_in_several_storeys_is_one_in_each(law):
         fvi.integrate(several, "gauss4", 48, quantities={"f": "force_1_2"})
 
 
-def test_one_swept_coefficient_moves_equal_dampers_at_all_storeys():
-    swept = SHAKEN + "sweep: {problem.dampers.0.coefficient: [3.0, 30.0]}\n"
-    (experiment,) = parse_config(swept, "tower.yaml").experiments
-    for member, factor in zip(experiment.members, (3.0, 30.0), strict=True):
-        (damper,) = member.problem.scene.damping
-        assert damper.factored.inner.tolist() == [[factor, 0.0], [0.0, factor]]
-
-
 def test_ready_quantities_are_what_their_formulas_say():
     (found,) = observed_of(SHAKEN + READY)
     pairs = ("drift_2", "own_drift"), ("acceleration_3", "own_acceleration")
@@ -107,32 +98,6 @@ def test_ready_quantities_are_what_their_formulas_say():
         a, b = found.quantities[one], found.quantities[other]
         assert np.abs(a - b).max() < 1e-13 * np.abs(b).max()
         assert found.extents[one].peak == pytest.approx(found.extents[other].peak, rel=1e-12)
-
-
-def test_the_base_shear_of_a_member_is_of_its_own_masses():
-    masses = ([2.5, 2.0, 1.5], [5.0, 4.0, 3.0])
-    swept = f"sweep: {{problem.masses: {list(masses)}}}\nquantities: [base_shear]\n"
-    members = observed_of(SHAKEN + swept)
-    for own, found in zip(masses, members, strict=True):
-        m1, m2, m3 = own
-        text = SHAKEN.replace("[2.5, 2.0, 1.5]", str(own))
-        shear = f"{m1}*ax1 + {m2}*ax2 + {m3}*ax3 + {m1 + m2 + m3}*ground_acceleration"
-        (same,) = observed_of(f"{text}quantities: {{shear: {shear}}}\n")
-        expected = same.quantities["shear"]
-        error = np.abs(found.quantities["base_shear"] - expected).max()
-        assert error < 1e-12 * np.abs(expected).max()
-
-
-def test_a_building_of_one_storey_and_a_tall_one_have_them():
-    single = SHAKEN.replace("[2.5, 2.0, 1.5]", "[2.5]").replace("[60.0, 50.0, 40.0]", "[60.0]")
-    single = single.replace("[1, 3]", "1") + "quantities: {a: base_shear - 2.5*acceleration_1}\n"
-    (found,) = observed_of(single)
-    assert found.extents["a"].peak < 1e-12
-    tall = SHAKEN.replace("masses: [2.5, 2.0, 1.5]", "storeys: 400").replace(
-        "stiffnesses: [60.0, 50.0, 40.0]", "mass: 2.0"
-    )
-    (experiment,) = parse_config(f"{tall}quantities: [base_shear]\n", "t").experiments
-    assert len(experiment.observations.quantities["base_shear"].names) == 2 * 400 + 1
 
 
 def test_ready_quantities_serve_events_figures_units_fits_and_gradients(tmp_path):
@@ -158,39 +123,3 @@ def test_ready_quantities_serve_events_figures_units_fits_and_gradients(tmp_path
     fit %= "problem.dampers.0.coefficient"
     (result,) = fvi.fit(loaded(tmp_path, SHAKEN.replace("3.0}]", "2.0}]") + fit))
     assert result.best.estimates[0].value == pytest.approx(3.0, rel=1e-6)
-
-
-def test_a_quantity_of_ones_own_hides_the_ready_one():
-    own = SHAKEN + "quantities: {drift_2: 1000*(x2 - x1)}\n"
-    with pytest.raises(ConfigError, match="unknown name 'drift_2'"):
-        parse_config(own + "events: {e: {when: drift_2 - 1}}\n", "t")
-    (found,) = observed_of(own)
-    (ready,) = observed_of(SHAKEN + "quantities: [drift_2]\n")
-    assert found.quantities["drift_2"] == pytest.approx(1000 * ready.quantities["drift_2"])
-
-
-def test_masses_of_storeys_are_no_parameters():
-    text = SHAKEN.replace("  exact: none\n", "  exact: none\n  parameters: {mass_1: 3.0}\n")
-    with pytest.raises(ConfigError, match=r"parameters.mass_1: is the mass of a storey"):
-        parse_config(text, "t")
-
-
-def test_one_unit_stands_for_a_group_of_quantities():
-    units = "units: {length: mm, acceleration: m/s2, force_low: kN, drift_1: cm}\n"
-    asked = "quantities: [drift_1, drift_2, acceleration_3, force_low_1, force_low_3, base_shear]\n"
-    (experiment,) = parse_config(SHAKEN + asked + units, "t").experiments
-    drawn = {name: experiment.units.get(name) for name in experiment.observations.quantities}
-    assert drawn == {
-        "drift_1": "cm",
-        "drift_2": "mm",
-        "acceleration_3": "m/s2",
-        "force_low_1": "kN",
-        "force_low_3": "kN",
-        "base_shear": None,
-    }
-    with pytest.raises(ConfigError, match=r"units.work: has no unit of its own"):
-        parse_config(SHAKEN + asked + "units: {work: kJ}\n", "t")
-    # a quantity of one's own is not of the quality of a ready one
-    own = "quantities: {drift_1: 1000*x1}\nunits: {length: m}\n"
-    (experiment,) = parse_config(SHAKEN + own, "t").experiments
-    assert "drift_1" not in experiment.units

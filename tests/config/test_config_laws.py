@@ -2,12 +2,10 @@
 
 import numpy as np
 import pytest
-import yaml
 
-from fvi_cli.config import json_schema, parse_config
+from fvi_cli.config import parse_config
 from fvi_cli.effects.laws.cole_cole import ColeCole
 from fvi_cli.effects.scene import Scene
-from fvi_cli.storage.identity import identity_of
 
 CONFIG = """\
 name: laws
@@ -63,23 +61,6 @@ def test_every_law_has_its_modulus(term, modulus):
     assert law.symbol(2.0) == pytest.approx(modulus)
 
 
-@pytest.mark.parametrize("where", ["coefficient: [[1, -1], [-1, 1]]", "matrix: [[1, -1], [-1, 1]]"])
-def test_where_a_law_acts_may_be_said_in_three_ways(where):
-    expected = scene_of(f"{ZENER[:-1]}, acts_on: [x2 - x1]}}", position="[1.0, 0.0]")
-    found = scene_of(f"{ZENER[:-1]}, {where}}}", position="[1.0, 0.0]")
-    for scene in (expected, found):
-        np.testing.assert_array_equal(scene.laws[0].coefficient, [[1, -1], [-1, 1]])
-        np.testing.assert_array_equal(scene.potential.stiffness, [[3, -2], [-2, 3]])
-    assert expected.laws[0].factored is not None
-
-
-def test_the_equation_shows_the_moduli_of_laws():
-    both = f"{{order: 0.5, coefficient: 1.0}}\n    - {ZENER}"
-    for term, said in ((ZENER, "sum G(D) x"), (both, "sum mu D^gamma x + sum G(D) x")):
-        (experiment,) = parse_config(text_of(term), "laws.yaml").experiments
-        assert experiment.problem.equation == f"M x'' + {said} + K x = f(t)"
-
-
 def test_nonlinear_scenes_take_the_relaxed_modulus_into_their_potential():
     pendulum = scene_of(ZENER, kind="pendulum")
     at = np.array([0.7])
@@ -95,32 +76,3 @@ def test_nonlinear_scenes_take_the_relaxed_modulus_into_their_potential():
     force = general.lagrangian.forces(np.array([0.5, 0.1]), np.zeros(2), 0.0)[1]
     np.testing.assert_allclose(force, [-0.5 - 0.8, 0.8], rtol=1e-14)
     assert [law.relaxed for law in general.laws] == [0.0]
-
-
-def test_a_springpot_may_be_called_so():
-    named = scene_of("{law: springpot, order: 0.5, coefficient: 2.0}")
-    plain = scene_of("{order: 0.5, coefficient: 2.0}")
-    assert named.damping[0].order == plain.damping[0].order
-    assert not named.laws
-    runs = [
-        parse_config(text_of(term), "laws.yaml").experiments[0].runs()[0]
-        for term in (
-            "{law: springpot, order: 0.5, coefficient: 2.0}",
-            "{order: 0.5, coefficient: 2.0}",
-        )
-    ]
-    assert identity_of(runs[0]) == identity_of(runs[1])
-
-
-def test_a_law_with_another_number_is_another_run():
-    found = []
-    for number in ("0.2", "0.25"):
-        config = parse_config(text_of(ZENER.replace("0.2", number)), "laws.yaml")
-        found.append(identity_of(config.experiments[0].runs()[0]))
-    assert found[0] != found[1]
-
-
-def test_the_schema_knows_all_laws():
-    text = yaml.safe_dump(json_schema())
-    for word in ("zener", "maxwell", "prony"):
-        assert f"const: {word}" in text

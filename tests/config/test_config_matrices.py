@@ -5,14 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import mmwrite, savemat
-from scipy.sparse import coo_array, csr_array, diags_array, eye_array, save_npz
+from scipy.sparse import coo_array, csr_array, diags_array, save_npz
 
 from fvi_cli.config import load_config
 from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import ConfigError
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.records.inputs import keep_numbers
 from fvi_cli.scenes.records.matrices import MatrixFile, matrix_as_numbers
 
@@ -72,21 +69,6 @@ def test_every_format_holds_the_same_matrix(folder, source, sparse):
     assert np.array_equal(potential.stiffness, expected.stiffness)
 
 
-def test_a_bagley_torvik_scene_takes_files_as_well(folder):
-    structure = scene_of(folder)
-    other = scene_of(folder, "problem.kind=bagley-torvik")
-    method = Method(cq="gauss", degree=2, start="graded")
-    one, two = integrate(structure, method, 16), integrate(other, method, 16)
-    assert np.array_equal(one.position, two.position)
-
-
-def test_another_matrix_in_the_file_is_another_run(folder):
-    before = load_config(folder / "c.yaml").experiments[0].problem_specification
-    mmwrite(folder / "K.mtx", coo_array(3.0 * eye_array(N)))
-    after = load_config(folder / "c.yaml").experiments[0].problem_specification
-    assert before["stiffness"]["digest"] != after["stiffness"]["digest"]
-
-
 @pytest.mark.parametrize("dense", [True, False])
 def test_what_is_kept_gives_the_matrix_back_to_the_last_digit(dense):
     rng = np.random.default_rng(5)
@@ -97,22 +79,6 @@ def test_what_is_kept_gives_the_matrix_back_to_the_last_digit(dense):
     assert is_sparse(back) is not dense
     found = back if isinstance(back, np.ndarray) else back.toarray()
     assert np.array_equal(found, matrix)
-
-
-@pytest.mark.parametrize(
-    ("source", "told"),
-    [
-        ("{file: infinite.npy}", "row 3, column 3 is inf; every entry must be finite"),
-        ("{file: both.mat}", "it holds K, M; name one of them under variable"),
-        ("{file: both.mat, variable: k}", "did you mean 'K'"),
-    ],
-)
-def test_what_is_wrong_in_binary_files_is_told(folder, source, told):
-    infinite = np.eye(N)
-    infinite[2, 2] = np.inf
-    np.save(folder / "infinite.npy", infinite)
-    with pytest.raises(ConfigError, match=told):
-        scene_of(folder, f"problem.stiffness={source}")
 
 
 def test_rayleigh_damping_by_its_factors_is_the_matrix_that_it_stands_for(folder):

@@ -104,41 +104,6 @@ def test_every_default_is_filled_in(kept):
     kept("defaults.json", json.dumps(resolved, indent=1) + "\n")
 
 
-@pytest.mark.parametrize(
-    ("kind", "order"), [("damped-oscillator", 1.0), ("bagley-torvik", 1.5), ("pendulum", 1.0)]
-)
-def test_the_default_order_of_damping_follows_from_the_kind(kind, order):
-    text = FRAME.replace("pendulum", kind).replace("1.0}}", "1.0, damping: [{{coefficient: 2}}]}}")
-    (experiment,) = parse_config(text.format("{bdf: 1}"), "f.yaml").experiments
-    (term,) = experiment.problem.scene.damping
-    assert (term.order, term.coefficient.tolist()) == (order, [[2.0]])
-
-
-def test_a_ladder_by_exponents():
-    text = FRAME.replace("{{steps: [4, 8]}}", "{{from: 0, to: 3, base: 3}}").format("{bdf: 1}")
-    (experiment,) = parse_config(text, "f.yaml").experiments
-    assert experiment.steps == (1, 3, 9, 27)
-
-
-def test_several_degrees_of_freedom():
-    text = """\
-problem:
-  kind: damped-oscillator
-  mass: [[2, 0], [0, 1]]
-  stiffness: [[2, -1], [-1, 2]]
-  damping: [{order: 0.5, coefficient: [[1, 0], [0, 0]]}]
-  forcing: [sin(t), 0]
-  initial: {position: [1, 0]}
-  final_time: 2
-ladder: {steps: 8}
-"""
-    (experiment,) = parse_config(text, "two-masses.yaml").experiments
-    scene = experiment.problem.scene
-    assert scene.dimension == 2
-    assert scene.initial_position.tolist() == [1.0, 0.0]
-    assert experiment.steps == (8,)
-
-
 MESHES = "name: m\nproblem: {kind: duffing, exact: none, final_time: 1}\n"
 
 
@@ -152,11 +117,6 @@ def test_a_mesh_may_be_graded():
     assert equal.grading == 1.0
 
 
-def test_no_reference_may_be_asked_for():
-    (experiment,) = parse_config(MESHES + "ladder: {steps: 8}\n", "f.yaml").experiments
-    assert (experiment.problem.exact, experiment.problem.exact_source) == (None, "none")
-
-
 @pytest.mark.parametrize(
     "name",
     [
@@ -166,13 +126,3 @@ def test_no_reference_may_be_asked_for():
 )
 def test_a_name_says_the_same_in_a_configuration_as_in_python(name):
     assert methods(name) == (method_named(name),)
-
-
-def test_names_and_mappings_stand_in_one_list():
-    cases = [method.case for method in methods("[gauss3, {bdf: [1, 2]}, bdf2-nodes]")]
-    assert [case.split("-s")[0] for case in cases] == [
-        "gauss",
-        "bdf1-points",
-        "bdf2-points",
-        "bdf2-nodes",
-    ]

@@ -87,35 +87,6 @@ def test_a_motion_with_impacts_is_stored_with_its_impacts(tmp_path):
     assert first.finished[0].reference == "none (a motion with impacts)"
 
 
-def test_members_of_a_sweep_bounce_each_for_itself(tmp_path):
-    text = (
-        "impacts: {wall: {when: x + k/8, restitution: 0.8}}\noutput: {step: 0.25}\n"
-        "sweep: {problem.parameters.k: [2.0, 4.0]}\n"
-    )
-    config = _load(tmp_path, text, "problem.lagrangian=(vx**2 + vy**2)/2 - k*x - y**2/2")
-    (first,) = fvi.run(config, output=tmp_path)
-    (again,) = fvi.recall(tmp_path / "seen.h5")
-    for one, other, k in zip(first.finished, again.finished, (2.0, 4.0), strict=True):
-        hits = one.trajectory.observed.events["wall"]
-        assert hits.time.size >= 1
-        assert np.abs(hits.position[:, 0] + k / 8).max() < 1e-12
-        assert np.array_equal(hits.time, other.trajectory.observed.events["wall"].time)
-        assert np.array_equal(one.trajectory.position, other.trajectory.position)
-    assert first.finished[0].trajectory.time.tolist() == [0.25 * n for n in range(9)]
-
-
-def test_a_tolerance_with_quantities(tmp_path):
-    text = "quantities: {spring: k*x}\naccuracy: {tolerance: 1e-6}\n"
-    path = tmp_path / "seen.yaml"
-    base = BASE.replace("ladder: {steps: [20]}\n", "").replace(
-        "method: {rk: gauss, degree: 4}\n", ""
-    )
-    path.write_text(base + text, encoding="utf-8")
-    (outcome,) = fvi.run(fvi.load(path))
-    observed = outcome.finished[0].trajectory.observed
-    assert observed.extents["spring"].peak == pytest.approx(2.0, abs=1e-6)
-
-
 FRAME = """\
 name: shaken
 problem:
@@ -191,15 +162,3 @@ def test_no_parameter_hides_what_formulas_know(kind):
         assert name in str(caught.value)
         # the control
         assert f"{name}_0" in read(**{f"{name}_0": 0.4}).problem.numbers
-
-
-def test_no_parameter_of_a_lagrangian_hides_what_formulas_know():
-    for name in ("aq", "dq", "vq", "q", "t", "work_1"):
-        with pytest.raises(ValueError, match=f"parameters.{name}: .*such as {name}_0"):
-            fvi.lagrangian_scene(
-                coordinates=["q"],
-                lagrangian="vq**2/2 - q**2/2",
-                parameters={name: 1.0},
-                damping=[fvi.FractionalDamping(order=0.5, coefficient=0.1)],
-                final_time=1.0,
-            )

@@ -28,25 +28,10 @@ def test_values_are_replaced():
     assert found["ladder"] == {"steps": [3, 6]}
 
 
-def test_missing_mappings_are_made():
-    assert changed("report.norm=final")["report"] == {"norm": "final"}
-
-
-def test_the_last_one_counts():
-    assert changed("name=a", "name=b")["name"] == "b"
-
-
 def test_a_value_may_hold_an_equals_sign_and_an_expression():
     assert changed("problem.forcing=1 + t**2")["problem"]["forcing"] == "1 + t**2"
     with pytest.raises(ConfigError, match=r"--set: problem\.forcing: '=' is not allowed"):
         changed("problem.forcing=t == 2")
-
-
-def test_the_text_stays_as_it_is_and_the_changes_are_kept():
-    config = parse_config(TEXT, "f.yaml", overrides=["name=other"])
-    assert config.text == TEXT
-    assert config.overrides == ("name=other",)
-    assert config.name == "other"
 
 
 def test_mistakes_of_the_file_and_of_changes_are_told_together():

@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.scenes.registry import build_problem
-from fvi_cli.scenes.structures import frame
 
 HEADER = """\
 PEER NGA STRONG MOTION DATABASE RECORD
@@ -70,60 +68,3 @@ def test_behind_a_record_there_is_nothing(tmp_path):
     (outcome,) = fvi.run(config)
     assert outcome.finished[0].status == "ok"
     assert 2.0 in outcome.finished[0].trajectory.time
-
-
-def _frame(ground: fvi.Forcing, final_time: float = 2.0) -> fvi.Scene:
-    return frame(
-        storeys=2,
-        stiffness=40.0,
-        dampers=[fvi.FractionalDamping(order=0.6, coefficient=0.5)],
-        ground_acceleration=ground,
-        final_time=final_time,
-    )
-
-
-def test_forces_from_functions_are_those_from_expressions():
-    given = _frame(fvi.Forcing.from_functions(lambda t: np.sin(3 * t) * t))
-    written = _frame(fvi.Forcing.from_text("sin(3*t)*t"))
-    runs = [fvi.integrate(one, "gauss4-graded", 40) for one in (given, written)]
-    # nothing is known of how a function begins: its steps are graded
-    assert np.abs(runs[0].position - runs[1].position).max() < 1e-8
-    adaptive = fvi.integrate(given, "gauss6", fvi.AdaptiveSteps(tolerance=1e-8))
-    assert np.abs(adaptive.position[-1] - runs[1].position[-1]).max() < 1e-6
-
-
-def test_a_function_with_a_jump_has_a_break_point():
-    def jump(t: np.ndarray) -> np.ndarray:
-        return np.where(t <= 0.7, 1.0, -1.0)
-
-    scene = _frame(fvi.Forcing.from_functions(jump, break_points=[0.7]))
-    coarse = fvi.integrate(scene, "gauss4-graded", 40)
-    pieces = {"pieces": [{"until": 0.7, "value": 1.0}, {"value": -1.0}]}
-    problem = {
-        "kind": "frame",
-        "storeys": 2,
-        "stiffness": 40.0,
-        "dampers": [{"order": 0.6, "coefficient": 0.5}],
-        "ground_acceleration": pieces,
-        "final_time": 2.0,
-    }
-    written = build_problem(problem)
-    fine = fvi.integrate(written.scene, "gauss4-graded", 40)
-    assert np.abs(coarse.position - fine.position).max() < 1e-8
-    named = {**problem, "ground_acceleration": "sign(0.7 - t)", "break_points": [0.7]}
-    same = fvi.integrate(build_problem(named).scene, "gauss4-graded", 40)
-    assert np.abs(same.position - fine.position).max() < 1e-13
-    # the control: without them the mesh misses the jump
-    del named["break_points"]
-    missed = fvi.integrate(build_problem(named).scene, "gauss4-graded", 41)
-    assert np.abs(missed.position[-1] - fine.position[-1]).max() > 1e-6
-
-
-def test_forces_from_arrays():
-    given = fvi.Forcing.from_samples(TIMES, VALUES, beyond="zero")
-    scene = _frame(given, final_time=3.0)
-    assert scene.break_points == (2.0,)
-    run = fvi.integrate(scene, "gauss4-graded", 90)
-    assert run.status == "ok"
-    with pytest.raises(ValueError, match="it must give a number for each"):
-        fvi.integrate(_frame(fvi.Forcing.from_functions(lambda t: "no")), "gauss4-graded", 10)

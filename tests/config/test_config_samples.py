@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fvi_cli as fvi
-from fvi_cli.config import find_config, load_config, parse_config
+from fvi_cli.config import load_config, parse_config
 from fvi_cli.errors import ConfigError
 from fvi_cli.scenes.records import inputs
 from fvi_cli.scenes.records.inputs import kept_numbers
@@ -97,51 +97,8 @@ def test_a_changed_file_is_told_beside_its_digest(folder):
         parse_config(resolved, "again.yaml", base=folder)
 
 
-def test_per_coordinate_scaled_and_with_a_spline(folder):
-    text = CONFIG.replace(
-        "{file: quake.csv, column: a}",
-        "[sin(t), {file: quake.csv, column: b, interpolation: cubic, scale: 2}]",
-    )
-    text = text.replace("final_time", "mass: [[1, 0], [0, 1]]\n  final_time")
-    forcing = forcing_of(load(folder, text))
-    time = np.array([0.0, 0.5, 1.0, 2.0])
-    np.testing.assert_allclose(forcing(time)[:, 0], np.sin(time))
-    np.testing.assert_allclose(forcing(time)[:, 1], [2, 4, 6, 8], rtol=1e-12)
-    assert [sample.order for sample in forcing.samples] == [4]
-
-
-def test_the_ground_of_a_frame(folder):
-    text = """\
-name: shaken
-problem:
-  kind: frame
-  storeys: 2
-  mass: [2.0, 1.0]
-  ground_acceleration: {file: quake.csv, column: a, scale: 3}
-  final_time: 2.0
-ladder: {steps: [8]}
-"""
-    forcing = forcing_of(load(folder, text))
-    np.testing.assert_allclose(forcing(np.array([0.5])), [[-6.0, -3.0]])
-
-
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_separators_comments_and_byte_order_marks(folder, separator):
     content = "﻿# a record\n\n" + CSV.replace(",", separator) + "\n# the end\n"
     (folder / "quake.csv").write_text(content, encoding="utf-8")
     assert forcing_of(load(folder))(np.array([2.0]))[0, 0] == pytest.approx(4.0, rel=1e-15)
-
-
-def test_huge_files_are_refused(folder):
-    rows = "".join(f"{k},{k % 7}\n" for k in range(100_002))
-    (folder / "quake.csv").write_text("t,a\n" + rows)
-    with pytest.raises(ConfigError, match=r"quake\.csv:100002: more than 100000 samples"):
-        load(folder)
-
-
-def test_the_shipped_ground_motion_is_what_its_comment_says():
-    path = find_config("frame-quake").with_name("ground-motion.csv")
-    record = np.loadtxt(path, delimiter=",", skiprows=3)
-    t, k = record[:, 0], np.arange(1, 9)[:, None]
-    formula = (t / 2) ** 2 * np.exp(2 - t) * np.cos((1 + 2 * k) * t + k**2).sum(axis=0) / 4
-    np.testing.assert_allclose(record[:, 1], formula, atol=5.1e-5)

@@ -16,20 +16,6 @@ from fvi_cli.scenes.registry import KINDS
 NAMES = shipped_configs()
 
 
-def test_every_experiment_of_the_paper_has_its_configuration():
-    assert {
-        "table-1",
-        "table-2",
-        "damped-oscillator",
-        "damped-oscillator-comparison",
-        "bagley-torvik-1-2",
-        "bagley-torvik-3-2",
-        "bagley-torvik-3-2-long",
-        "corrected-bdf3",
-        "saturation",
-    } <= set(NAMES)
-
-
 @functools.cache
 def shipped(name):
     return load_config(find_config(name))
@@ -73,22 +59,7 @@ def test_figures_with_settings_are_resolved_to_what_is_valid(figure):
     assert second.experiments[0].figures == config.experiments[0].figures
 
 
-def test_names_of_experiments_are_unique_over_all_files():
-    names = [e.name for n in NAMES for e in shipped(n).experiments]
-    assert len(set(names)) == len(names)
-
-
-def test_the_comparison_is_at_the_step_size_of_the_paper():
-    (experiment,) = load_config(find_config("damped-oscillator-comparison")).experiments
-    assert [run.step_size for run in experiment.runs()] == [0.125] * 3
-
-
 class TestFinding:
-    def test_by_name_from_any_folder(self, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
-        assert find_config("table-1") == find_config("table-1.yaml")
-        assert find_config("table-1").is_file()
-
     def test_a_file_goes_first(self, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)
         Path("table-1").write_text("name: mine")
@@ -140,8 +111,3 @@ def test_what_a_starter_file_has_as_comments_is_valid_when_it_is_switched_on(kin
     assert set(experiment.observations.quantities) == quantities
     assert set(experiment.observations.events) == ({"turn"} if of_scenes else set())
     assert experiment.fit is not None
-
-
-def test_a_starter_file_of_an_unknown_kind_is_refused():
-    with pytest.raises(RequestError, match="did you mean 'pendulum'"):
-        starter_config("pendelum")

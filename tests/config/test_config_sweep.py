@@ -66,34 +66,6 @@ def test_a_range_has_both_ends_exactly(spacing, expected):
     assert members[-1].values["problem.stiffness"] == 100.0
 
 
-def test_a_run_of_a_member_is_the_run_of_an_experiment_with_that_problem():
-    swept = experiment("sweep: {problem.stiffness: [1, 2]}")
-    alone = experiment("", "problem.stiffness=2")
-    assert [run.specification() for run in swept.runs() if run.member.number == 1] == [
-        run.specification() for run in alone.runs()
-    ]
-    assert swept.runs()[0].specification() != alone.runs()[0].specification()
-
-
-def test_a_required_key_and_a_missing_mapping_may_stand_in_the_sweep_only():
-    base = BASE.replace("  initial: {position: 1.0}\n", "").replace("order: 0.5, ", "")
-    members = experiment(
-        "sweep: {problem.initial.velocity: [1, 2], problem.damping.0.coefficient: [0.1]}", base=base
-    ).members
-    assert [m.problem.scene.initial_velocity[0] for m in members] == [1.0, 2.0]
-
-
-def test_the_resolved_configuration_makes_the_same_members():
-    for sweep in (
-        "sweep: {problem.stiffness: {from: 1, to: 9, number: 4, spacing: log}}",
-        "sweep: [{problem.forcing: sin(t)}, {problem.forcing: 0}]",
-    ):
-        config = parse_config(BASE + sweep, "many.yaml")
-        again = parse_config(str(config.resolved).replace("'", '"').replace("False", "false"), "x")
-        old, new = config.experiments[0], again.experiments[0]
-        assert [m.specification for m in old.members] == [m.specification for m in new.members]
-
-
 def test_overrides_reach_into_a_sweep():
     ranged = "sweep: {problem.stiffness: {from: 1, to: 9, number: 4}}"
     assert len(experiment(ranged, "sweep.problem.stiffness.number=7").members) == 7

@@ -1,16 +1,12 @@
 """Designs: named sets of overrides, and names for the members of a sweep."""
 
 import json
-import re
 
 import numpy as np
-import pytest
 import yaml
-from command_line import fvi
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
-from fvi_cli.reports.kinds.designs import design_sheet
 from fvi_cli.storage.identity import identity_of
 
 ZENER = "{storey: 1, law: zener, order: 0.6, time: 0.1, relaxed: 5.0, unrelaxed: 60.0}"
@@ -101,56 +97,3 @@ def test_designs_meet_every_value_of_a_sweep():
     # what is changed by one design only has one value, that of the problem, in the others
     stiff = {one.name: one.values["problem.stiffnesses.2"] for one in members}
     assert stiff == {**dict.fromkeys(NAMES, 60.0), "stiff springpot": 66.0}
-
-
-def test_an_override_from_the_command_line_reaches_a_design():
-    config = parse_config(
-        TEXT, "building.yaml", overrides=["designs.stiff springpot.problem.dampers.0.coefficient=8"]
-    )
-    stiff = config.experiments[0].members[2].specification
-    assert stiff["dampers"][0]["coefficient"] == 8.0
-    assert stiff["stiffnesses"][2] == 66.0
-
-
-def test_one_table_holds_designs_and_quantities(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "building.yaml").write_text(TEXT, encoding="utf-8")
-    said = fvi("run", "building.yaml", code=0).stdout
-    fvi("quantities", "building.yaml", code=0)
-    # no list or mapping as Python prints it
-    tables = [file.read_text(encoding="utf-8") for file in (tmp_path / "results").rglob("*.csv")]
-    for text in (said, *tables):
-        assert not re.search(r"\{'|\['|None", text)
-    (outcome,) = api.recall("results/building.h5")
-    rows = design_sheet(outcome.finished).rows
-    assert [row["design"] for row in rows] == NAMES
-    peaks = {name: np.array([row[f"peak_{name}"] for row in rows]) for name in ("drift", "roof")}
-    for name, found in peaks.items():
-        said_change = [row[f"peak_{name}_change"] or 0 for row in rows]
-        assert said_change == pytest.approx((found / found[0] - 1).tolist(), rel=1e-12)
-    assert [row["problem.stiffnesses.2"] for row in rows] == [60.0, 60.0, 66.0, 60.0]
-    for row in rows:
-        assert row["design"] in said
-        assert f"{row['peak_drift']:.4g}" in said
-
-
-def test_the_change_is_against_the_first_design_at_the_same_values(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "building.yaml").write_text(
-        TEXT + "sweep: {problem.masses.0: [2.0, 3.0]}\n", encoding="utf-8"
-    )
-    fvi("run", "building.yaml", code=0)
-    (outcome,) = api.recall("results/building.h5")
-    rows = design_sheet(outcome.finished).rows
-    first = {row["problem.masses.0"]: row["peak_drift"] for row in rows if row["design"] == "bare"}
-    assert len(set(first.values())) == 2
-    for row in rows:
-        if row["design"] != "bare":
-            change = row["peak_drift"] / first[row["problem.masses.0"]] - 1
-            assert row["peak_drift_change"] == pytest.approx(change, rel=1e-12)
-
-
-def test_designs_of_a_result_file_are_in_the_order_of_the_configuration(tmp_path):
-    api.run(parse_config(TEXT, "building.yaml"), output=tmp_path)
-    (again,) = api.recall(tmp_path / "building.h5")
-    assert [one.name for one in again.experiment.members] == NAMES

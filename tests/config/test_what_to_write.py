@@ -2,20 +2,12 @@
 
 import numpy as np
 import pytest
-from command_line import configuration, fvi
+from command_line import configuration
 
-import fvi_cli
 from fvi_cli.config import parse_config
 
 SPRING = "kind: damped-oscillator, final_time: 1.0, initial: {position: 1.0}, exact: none"
 SHAKEN = "kind: frame, storeys: 3, stiffness: 40.0, final_time: 2.0, exact: none"
-
-
-def test_a_command_shows_the_warning(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    text = configuration(f"{SPRING}, damping: [{{order: 0.5, coefficient: -0.1}}]")
-    (tmp_path / "f.yaml").write_text(text)
-    assert "coefficient: -0.1 is negative" in fvi("check", "f.yaml", code=0).stderr
 
 
 def test_a_record_in_g_is_scaled_to_metres_and_seconds(tmp_path):
@@ -58,13 +50,3 @@ def test_null_leaves_out_a_key():
     ]
     assert len({one.methods for one in found}) == 1
     assert not any(one.observations.events for one in found)
-
-
-def test_what_happens_once_every_period():
-    text = FORCED.replace("sin(w*t)", "sin(2*pi*t/2)")
-    (experiment,) = parse_config(text, "f.yaml").experiments
-    outcome = fvi_cli.run(parse_config(text, "f.yaml"))[0]
-    seen = outcome.finished[0].trajectory.observed.events["period"]
-    assert np.allclose(seen.time, [2.0, 4.0, 6.0, 8.0, 10.0][: seen.time.size], atol=1e-9)
-    assert seen.time.size >= 4
-    assert experiment.observations.events["period"].direction == "rising"
