@@ -7,7 +7,7 @@ from typing import Final
 
 from fvi_cli.config.models import ExperimentKeys
 from fvi_cli.errors import listed, suggestion
-from fvi_cli.integrator.observe.dampers import check_forces, damper_values
+from fvi_cli.integrator.observe.dampers import damper_values, force_objection
 from fvi_cli.integrator.observe.request import Observations, known_names
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.keys.values import Wrong
@@ -41,16 +41,8 @@ def names_along(problem: Problem, ready: Iterable[str] = ()) -> tuple[str, ...]:
 
 def spoilt_force(formula: Expression, problem: Problem, *, has_impacts: bool) -> str:
     """Why a force or work in a formula has no value; empty: it has one."""
-    scene, dampers = problem.scene, damper_values(problem.scene)
     forces = {p + name for p in "ad" for name in problem.coordinates} - set(problem.coordinates)
-    try:
-        for word in sorted(formula.names):
-            kind = dampers[word].kind if word in dampers else "force" * (word in forces)
-            if kind in ("force", "work"):
-                check_forces(scene, word, is_work=kind == "work", has_impacts=has_impacts)
-    except ValueError as error:
-        return str(error)
-    return ""
+    return force_objection(problem.scene, formula.names, forces, has_impacts=has_impacts)
 
 
 def other_meanings(observed: Observations, first: AnyProblem, own: AnyProblem) -> Iterator[Wrong]:

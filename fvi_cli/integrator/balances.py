@@ -138,17 +138,6 @@ def damping_along(
     )
 
 
-def forces_on(scenes: Sequence[Scene], method: Method, runs: Sequence[RunSteps]) -> Array:
-    """The damping force of scenes with damping at the samples of runs on one mesh.
-
-    Shape ``(q, n, m, d)``; the terms of all scenes have the same pattern.
-    """
-    along = damping_along(scenes, method, runs)
-    assert along is not None
-    with np.errstate(all="ignore"):
-        return along.forces()
-
-
 def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple[int, int]]:
     """Ranges of equal step sizes, none longer than the longest."""
     ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]

@@ -14,7 +14,7 @@ to the loss of energy; its integral over whole steps is the quadrature of the me
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Literal
@@ -27,7 +27,7 @@ from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances import forces_on
+from fvi_cli.integrator.balances import damping_along
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.steps import RunSteps
@@ -130,43 +130,42 @@ def forces_along(
         ]
         scenes = [damper_alone(scene, damper) for scene in scenes]
     found = [np.zeros_like(run.velocity) for run in runs]
-    for count in {run.n_steps for run in runs}:
-        own = [k for k, run in enumerate(runs) if run.n_steps == count and scenes[k].active_forces]
-        if own and count:
-            forces = forces_on([scenes[k] for k in own], method, [runs[k] for k in own])
-            for place, force in zip(own, forces, strict=True):
-                found[place] = force
+    for count in {run.n_steps for run in runs} - {0}:
+        own = [k for k, run in enumerate(runs) if run.n_steps == count]
+        along = damping_along([scenes[k] for k in own], method, [runs[k] for k in own])
+        if along is not None:
+            with np.errstate(all="ignore"):
+                for place, force in zip(own, along.forces(), strict=True):
+                    found[place] = force
     return found
 
 
-def check_forces(
-    scene: Scene, name: str, *, is_work: bool = False, has_impacts: bool = False
-) -> None:
-    r"""Refuse forces and works that velocities which begin with a jump spoil.
+def force_objection(
+    scene: Scene, names: Set[str], forces: Set[str], *, has_impacts: bool = False
+) -> str:
+    r"""What is wrong with a force or work among the names of an expression; empty: nothing.
 
-    Above order 1 the force begins like :math:`t^{1 - \gamma}`, and forces at the stages keep an
-    error of the first step, as momenta do
+    `forces` are the names of accelerations and of the damping on coordinates. Above order 1 the
+    force of a velocity that begins with a jump is like :math:`t^{1 - \gamma}`, and forces at the
+    stages keep an error of the first step, as momenta do
     (:meth:`fvi_cli.integrator.steps.RunSteps.momenta_of_polynomials`).
-
-    Raises
-    ------
-    ValueError
-        For works of forces with loads of Riemann-Liouville's initial data, and for forces of orders
-        above 1 with such loads, or behind impacts.
     """
-    if has_impacts and scene.acts_above_order_1:
-        raise ValueError(
-            f"{name}: forces of orders above 1 keep an error of the step behind an impact; "
-            "use orders up to 1, or leave out the impacts"
-        )
-    if scene.initial_loads and (is_work or scene.acts_above_order_1):
-        reason = (
-            "the power of a Riemann-Liouville derivative is infinite at the start"
-            if is_work
-            else "forces of Riemann-Liouville derivatives above order 1 keep an error of the first "
-            "step"
-        )
-        raise ValueError(f"{name}: {reason}; use caputo, or begin at rest in 0")
+    dampers, is_above = damper_values(scene), scene.acts_above_order_1
+    works = {name for name in names & dampers.keys() if dampers[name].kind == "work"}
+    forces = forces | {name for name, one in dampers.items() if one.kind == "force"}
+    for name in sorted((names & forces) | works):
+        if has_impacts and is_above:
+            return (
+                f"{name}: forces of orders above 1 keep an error of the step behind an impact; "
+                "use orders up to 1, or leave out the impacts"
+            )
+        reason = "forces of Riemann-Liouville derivatives above order 1 keep an error of the first "
+        reason += "step"
+        if name in works:
+            reason = "the power of a Riemann-Liouville derivative is infinite at the start"
+        if scene.initial_loads and (is_above or name in works):
+            return f"{name}: {reason}; use caputo, or begin at rest in 0"
+    return ""
 
 
 def damper_along(motion: Motion, value: DamperValue, steps: Places, tau: Array) -> Array:

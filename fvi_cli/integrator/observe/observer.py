@@ -12,9 +12,9 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observe.along import FormulaAlong, find_events, find_extents
 from fvi_cli.integrator.observe.dampers import (
-    check_forces,
     damper_along,
     damper_values,
+    force_objection,
     forces_along,
 )
 from fvi_cli.integrator.observe.motion import Motion
@@ -75,16 +75,14 @@ class Observer:
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only names that occur in it are evaluated."""
-        names, (request, *_), (scene, *_) = expression.names, self.requests, self.motion.scenes
-        forces = {name for name in names if request.derived.get(name, " ")[0] in ("a", "d")}
-        kinds = {name: self._dampers[name].kind for name in names & self._dampers.keys()}
-        for name in sorted(forces | {one for one in kinds if kinds[one] != "deformation"}):
-            is_work = kinds.get(name) == "work"
-            for one in self.motion.scenes:
-                check_forces(one, name, is_work=is_work, has_impacts=bool(request.impacts))
+        names, (request, *_), (first, *_) = expression.names, self.requests, self.motion.scenes
+        forces = {name for name, (prefix, _) in request.derived.items() if prefix in ("a", "d")}
+        for scene in self.motion.scenes:
+            if reason := force_objection(scene, names, forces, has_impacts=bool(request.impacts)):
+                raise ValueError(reason)
         width = len(names)
-        if forces:
-            width += scene.dimension ** (1 if scene.lagrangian is None else 2)
+        if names & forces:
+            width += first.dimension ** (1 if first.lagrangian is None else 2)
         return FormulaAlong(expression, partial(self.variables, expression), width)
 
     def variables(
