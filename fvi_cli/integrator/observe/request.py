@@ -42,15 +42,22 @@ def known_names(coordinates: Sequence[str], parameters: Collection[str] = ()) ->
 
     A coordinate or parameter has priority over a name derived from another coordinate.
     """
-    found = dict.fromkeys(("t", *coordinates, *parameters))
-    for prefix in PREFIXES[1:]:
-        for name in coordinates:
-            derived = prefix + name
-            # such as the Python keyword "as", for a coordinate s
-            is_taken = derived in FUNCTION_NAMES or derived == "pi" or keyword.iskeyword(derived)
-            if not is_taken:
-                found.setdefault(derived)
-    return tuple(found)
+    # a derived name may be taken, such as the Python keyword "as", for a coordinate s
+    derived = (
+        name
+        for name in _derived(coordinates)
+        if not (name in FUNCTION_NAMES or name == "pi" or keyword.iskeyword(name))
+    )
+    return tuple(dict.fromkeys(("t", *coordinates, *parameters, *derived)))
+
+
+def _derived(coordinates: Sequence[str]) -> dict[str, tuple[str, int]]:
+    """Prefix and number of the coordinate of every name; coordinates have priority."""
+    found: dict[str, tuple[str, int]] = {}
+    for prefix in PREFIXES:
+        for index, name in enumerate(coordinates):
+            found.setdefault(prefix + name, (prefix, index))
+    return found
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -135,15 +142,9 @@ class Observations:
 
     @property
     def derived(self) -> dict[str, tuple[str, int]]:
-        """Names that a motion gives, with their prefix and the number of the coordinate.
-
-        The name of a coordinate has priority over a name derived from another one.
-        """
-        found = {}
-        for prefix in reversed(PREFIXES):
-            for index, name in enumerate(self.coordinates):
-                found[prefix + name] = (prefix, index)
-        return {name: one for name, one in found.items() if name not in self.parameters}
+        """Names that a motion gives, with their prefix and the number of the coordinate."""
+        every = _derived(self.coordinates)
+        return {name: one for name, one in every.items() if name not in self.parameters}
 
     @property
     def is_empty(self) -> bool:
