@@ -217,7 +217,7 @@ def _integrated(
     if first.prescribed is not None:
         if diagnostics:
             raise ValueError("diagnostics: the motion is given; it has no energy and no momentum")
-        return [material_response(first, method, steps, every=every, with_steps=with_steps)]
+        return [thinned(material_response(first, method, steps, with_steps=with_steps), every)]
     if reason := law_objection(first, method):
         raise ValueError(f"method: {reason}")
     if isinstance(method, Baseline) or not method.is_runge_kutta:

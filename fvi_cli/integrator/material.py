@@ -19,7 +19,7 @@ from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
-from fvi_cli.integrator.trajectory import Trajectory, thinned
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.threads import in_one_thread
 
 START_POWER = 0.5
@@ -41,7 +41,6 @@ def material_response(
     method: AnyMethod,
     steps: int | Mesh | AdaptiveSteps,
     *,
-    every: int = 1,
     with_steps: bool = False,
 ) -> Trajectory:
     """The run of a scene whose motion is given; the forces of its laws are quantities along it.
@@ -64,14 +63,13 @@ def material_response(
     firsts = np.cumsum([0, *(one.n_steps for one in mesh.stretches)])
     kept = [first + o.reported for first, o in zip(firsts, mesh.stretches, strict=False)]
     reported = np.concatenate([[0], *kept]).astype(np.intp)
-    trajectory = Trajectory(
+    return Trajectory(
         time=found.time[reported],
         position=found.position[reported],
         n_steps=mesh.n_reported,
         step_size=scene.final_time / mesh.n_reported,
         steps=found if with_steps else None,
     )
-    return thinned(trajectory, every)
 
 
 def mesh_of_motion(

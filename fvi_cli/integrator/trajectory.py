@@ -290,7 +290,7 @@ class Trajectory:
 
 
 def thinned(trajectory: Trajectory, every: int) -> Trajectory:
-    """Every n-th point of a whole trajectory, with the first and the last."""
+    """Every n-th point of a whole trajectory without diagnostics, with the first and the last."""
     if every == 1:
         return trajectory
     last = trajectory.time.size - 1
@@ -302,6 +302,5 @@ def thinned(trajectory: Trajectory, every: int) -> Trajectory:
         position=trajectory.position[kept],
         momentum=None if momentum is None else momentum[kept],
         energy=None if energy is None else energy[kept],
-        diagnostics=None if trajectory.diagnostics is None else trajectory.diagnostics.at(kept),
         every=every,
     )

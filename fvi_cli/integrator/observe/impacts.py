@@ -115,8 +115,6 @@ class Landing:
 class Bouncing:
     """The source of steps of T / N, graded after the start, break points and impacts."""
 
-    rejected = 0
-
     def __init__(
         self, scene: Scene, method: Method, n_steps: int, surfaces: Mapping[str, Surface]
     ) -> None:
@@ -127,7 +125,7 @@ class Bouncing:
         self.pushes = [np.zeros(scene.dimension)]  # at every point of the mesh, (d,)
         self.times: dict[str, list[float]] = {name: [] for name in surfaces}
         self.rests_on = ""  # surface on which the motion has come to rest
-        self.failure = ""
+        self.failure, self.rejected = "", 0
         self._push: Array | None = None  # change of the momentum before the next step
         self._velocity = scene.initial_velocity  # at the end of the last step
         self._reach = np.zeros(scene.dimension)  # displacements in it

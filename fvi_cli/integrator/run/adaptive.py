@@ -23,17 +23,12 @@ from fvi_cli.mathematics.arrays import Array
 class AdaptiveSource:
     """Single steps of one scene; those whose local error is too large are rejected."""
 
-    pushes = ()
-
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self._controller = StepController(steps, scene, method.degree)
         self._local_error = LocalError(scene, step_tables(method), steps.may_miss)
-        self._most_steps, self.n_steps, self.failure, self._why = steps.most_steps, 0, "", ""
-
-    @property
-    def rejected(self) -> int:
-        """Number of rejected steps."""
-        return self._controller.rejected
+        self._most_steps, self._why = steps.most_steps, ""
+        self.n_steps, self.failure, self.rejected = 0, "", 0
+        self.pushes: list[Array] = []
 
     def propose(self, engine: Engine, state: State) -> Proposal | None:
         """The next step to try."""
@@ -66,6 +61,7 @@ class AdaptiveSource:
                 path, controller.tolerance_for(scale), is_fresh=controller.is_fresh
             )
         if not controller.judge(h, error, scale):
+            self.rejected += 1
             return None
         self.n_steps += 1
         return controller.time

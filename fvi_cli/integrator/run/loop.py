@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -29,19 +28,10 @@ class Proposal(NamedTuple):
 class Source(Protocol):
     """Steps for the loop."""
 
+    n_steps: int  # number of the steps that are reported
     failure: str  # why it proposes no more steps; empty: all are done
-
-    @property
-    def n_steps(self) -> int:
-        """Number of the steps that are reported."""
-
-    @property
-    def rejected(self) -> int:
-        """Number of rejected steps."""
-
-    @property
-    def pushes(self) -> Sequence[Array]:
-        """Changes of the momentum by impacts at every point, ``(d,)``; empty without surfaces."""
+    rejected: int  # number of rejected steps
+    pushes: list[Array]  # by impacts on the momentum, (d,) at every point; empty without surfaces
 
     def propose(self, engine: Engine, state: State) -> Proposal | None:
         """The next steps; None at the end."""
@@ -53,10 +43,9 @@ class Source(Protocol):
 class MeshSource:
     """The stretches of a mesh, one after the other; no step is rejected."""
 
-    failure, rejected, pushes = "", 0, ()
-
     def __init__(self, mesh: Mesh) -> None:
-        self._mesh, self.n_steps = mesh, mesh.n_reported
+        self._mesh, self.n_steps, self.failure, self.rejected = mesh, mesh.n_reported, "", 0
+        self.pushes: list[Array] = []
         self._stretch = self._done = 0
 
     def propose(self, engine: Engine, state: State) -> Proposal | None:
