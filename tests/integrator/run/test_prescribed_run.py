@@ -148,35 +148,6 @@ def test_the_velocity_is_that_of_the_displacement_and_no_acceleration_is_made_up
     assert found["v"].peak < 1e-10
 
 
-def test_a_displacement_that_returns_to_zero_is_followed(tmp_path):
-    # unloading to zero, and rest: the force relaxes, and the last loop is that before the rest
-    times = np.linspace(0.0, 12.0, 601)
-    values = np.where(times < 3 * np.pi, np.sin(2 * times), 0.0)
-    law = "{law: maxwell, order: 0.7, time: 0.5, modulus: 2.0}"
-    config = on_samples(law, times, values, tmp_path, ladder="{steps: [600]}")
-    (outcome,) = fvi.run(parse_config(config, str(tmp_path / "a.yaml")))
-    (item,) = outcome.finished
-    loop = loops_of(item.trajectory.time, *deformation_against(item, "force")).get(LAST)
-    assert loop.amplitude == pytest.approx(1.0, rel=1e-3)
-    assert 2 * np.pi - 0.1 < loop.end < 3 * np.pi + 0.1
-    rest = item.trajectory.observed.quantities["force"][times > 10.0]
-    assert np.abs(rest).max() < 0.2
-    assert (np.diff(np.abs(rest)) < 0).all()
-
-
-def test_diagnostics_of_a_given_motion_are_refused():
-    config = f"name: a\nproblem: {{kind: material, law: {RAMPS['zener'][0]}, displacement: t, "
-    config += "final_time: 1.0}\nmethod: gauss3\nladder: {steps: [8]}\n"
-    (experiment,) = parse_config(config, "a.yaml").experiments
-    with pytest.raises(ValueError, match="diagnostics: the motion is given"):
-        fvi.integrate(
-            experiment.problem.scene,
-            "gauss3",
-            8,
-            diagnostics=True,
-        )
-
-
 @pytest.mark.parametrize("seed", range(4))
 def test_a_formula_beside_samples_has_its_rate(seed):
     """Samples of a line and a formula are the same motion as one formula."""
