@@ -52,7 +52,7 @@ class Scene:
     initial_velocity: Array
     final_time: float  # T > 0
     potential: Potential | None = None  # any object with the functions of Potential
-    damping: tuple[FractionalDamping, ...] = ()
+    damping: tuple[FractionalDamping, ...] = ()  # laws among them go to `laws`
     forcing: Forcing | None = None
     # caputo: D acts on q - q0 (on q - q0 - v0 t for orders above 1); riemann-liouville: on q,
     # the same with the loads of the initial data
@@ -100,8 +100,10 @@ class Scene:
 
     def _check_effects(self) -> None:
         """Refuse effects of another size."""
-        for name in ("damping", "laws"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
+        forces = (*self.damping, *self.laws)
+        for name, is_law in (("damping", False), ("laws", True)):
+            own = tuple(one for one in forces if isinstance(one, Law) is is_law)
+            object.__setattr__(self, name, own)
         every: list[Any] = [self.potential, self.linear_potential, self.lagrangian, self.forcing]
         for effect in (*every, *self.damping, *self.laws):
             if effect is not None and effect.dimension != self.dimension:

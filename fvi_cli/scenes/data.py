@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import Final, Required, TypedDict, TypeVar, Unpack, cast
+from typing import Any, Final, Required, TypedDict, TypeVar, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,7 @@ class SceneData(TypedDict, total=False):
     r"""Keyword arguments of all scenes."""
 
     final_time: Required[float]
-    damping: Sequence[FractionalDamping]
+    damping: Sequence[FractionalDamping | Law]
     laws: Sequence[Law]
     forcing: Forcing | str | Sequence[str] | None
     initial_position: ArrayLike
@@ -46,10 +46,10 @@ Parameters
 final_time
     T: the motion is sought on [0, T].
 damping
-    Terms :math:`\mu D^\gamma q` of the equation of motion, a list of
-    :class:`fvi_cli.FractionalDamping`.
+    Terms :math:`\mu D^\gamma q` of the equation of motion, and relaxation laws, a list of
+    :class:`fvi_cli.FractionalDamping` and :class:`fvi_cli.Law`.
 laws
-    Relaxation laws, a list of :class:`fvi_cli.Law`.
+    Further laws.
 forcing
     f(t): a :class:`fvi_cli.Forcing`, or its formula in t, ``"0.3*cos(1.2*t)"``; for several
     coordinates a list of formulas.
@@ -69,14 +69,7 @@ _Make = TypeVar("_Make", bound=Callable[..., Scene])
 
 
 def scene_function(make: _Make) -> _Make:
-    """The function with every argument in its signature and docstring."""
-    own = inspect.signature(make).parameters.values()
-    known = [one for one in own if one.kind is one.KEYWORD_ONLY]
-    every = inspect.signature(make_scene).parameters
-    known += [every[name] for name in SceneData.__annotations__]
-    make.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        known, return_annotation="Scene"
-    )
+    """The function with the shared arguments in its docstring."""
     make.__doc__ = f"{inspect.cleandoc(make.__doc__ or '')}\n{MEANING}"
     return make
 
@@ -98,29 +91,19 @@ def make_scene(
     *,
     lagrangian: Lagrangian | None = None,
     linear_potential: LinearPotential | None = None,
-    final_time: float,
-    damping: Sequence[FractionalDamping] = (),
-    laws: Sequence[Law] = (),
-    forcing: Forcing | str | Sequence[str] | None = None,
-    initial_position: ArrayLike = 0.0,
-    initial_velocity: ArrayLike = 0.0,
-    derivative: Derivative = "caputo",
+    **data: Unpack[SceneData],
 ) -> Scene:
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
     inertia = Inertia(mass=mass)
-    size = inertia.dimension
+    given: dict[str, Any] = {**data, "forcing": given_force(data.get("forcing"))}
+    for name in ("initial_position", "initial_velocity"):
+        given[name] = per_coordinate(given.get(name, 0.0), inertia.dimension, name)
     return Scene(
         inertia=inertia,
         potential=potential,
         lagrangian=lagrangian,
         linear_potential=linear_potential,
-        damping=tuple(damping),
-        laws=tuple(laws),
-        forcing=given_force(forcing),
-        initial_position=per_coordinate(initial_position, size, "initial_position"),
-        initial_velocity=per_coordinate(initial_velocity, size, "initial_velocity"),
-        final_time=final_time,
-        derivative=derivative,
+        **given,
     )
 
 
@@ -149,23 +132,7 @@ def with_dampers(
         is_number = one.factored is None and one.dimension == 1
         factor = on(float(one.matrix[0, 0])) if is_number else one.coefficient
         placed.append(replace(one, coefficient=factor))
-    found = sorted_effects((*data.get("damping", ()), *data.get("laws", ()), *placed))
-    return cast(SceneData, {**data, **found})
-
-
-class SortedEffects(TypedDict):
-    """Damping terms and laws as arguments of scenes."""
-
-    damping: tuple[FractionalDamping, ...]
-    laws: tuple[Law, ...]
-
-
-def sorted_effects(every: Sequence[Effect]) -> SortedEffects:
-    """The damping terms and the laws among some effects."""
-    return {
-        "damping": tuple(one for one in every if isinstance(one, FractionalDamping)),
-        "laws": tuple(one for one in every if isinstance(one, Law)),
-    }
+    return {**data, "damping": (*data.get("damping", ()), *placed)}
 
 
 @scene_function

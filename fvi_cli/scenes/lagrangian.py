@@ -12,6 +12,7 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
+from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.matrices import Factored, Form, dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
@@ -80,9 +81,11 @@ def lagrangian_scene(
     values = dict(parameters or {})
     check_names(names, values)
     velocities = tuple(velocity_name(name) for name in names)
-    laws = tuple(data.get("laws", ()))
+    effects = (*data.get("damping", ()), *data.get("laws", ()))
+    laws = [one for one in effects if isinstance(one, Law)]
     stored = [law.stiffness for law in laws if law.relaxed]
-    data["laws"] = tuple(law.without_stiffness() for law in laws)
+    data["laws"] = [law.without_stiffness() for law in laws]
+    data["damping"] = [one for one in effects if not isinstance(one, Law)]
     try:
         expression = Expression.parse(
             lagrangian, variables=(*names, *velocities, TIME), constants=values

@@ -17,7 +17,7 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.graded import LEAST_POWER, force_power
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import per_coordinate, sorted_effects
+from fvi_cli.scenes.data import per_coordinate
 from fvi_cli.scenes.forces import (
     FORCING,
     PARAMETERS,
@@ -165,7 +165,7 @@ class SceneKind(Kind):
         effects = effects_of(self.damping, on_coordinates(names, sparse=sparse))
         data: dict[str, Any] = {
             "final_time": self.final_time,
-            **sorted_effects(effects),
+            "damping": effects,
             "initial_position": _vector(self.initial.position, names, "initial.position"),
             "initial_velocity": _vector(self.initial.velocity, names, "initial.velocity"),
             "derivative": self.derivative,

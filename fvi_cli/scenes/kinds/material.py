@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Final, Literal, Self
+from typing import Annotated, Any, Final, Literal, Self, cast
 
 import numpy as np
 from pydantic import Field, model_validator
 
+from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.scenes.data import sorted_effects
 from fvi_cli.scenes.forces import TimeFunction, build_forcing
 from fvi_cli.scenes.keys.values import BY_FORM, Positive, Wrong, key
 from fvi_cli.scenes.kinds.kind import Kind
@@ -79,13 +79,14 @@ class Material(Kind):
         motion = motion or self.build_motion()
         check_names((COORDINATE,), self.parameters)
         terms = self.law if isinstance(self.law, list) else [self.law]
-        effects = sorted_effects(effects_of(terms, on_coordinates((COORDINATE,)), "law"))
-        check_names_of_dampers((*effects["damping"], *effects["laws"]), "law")
-        for one in effects["damping"]:
-            if one.order > 1 and (motion.kinks or motion.displacement.break_points):
+        effects = effects_of(terms, on_coordinates((COORDINATE,)), "law")
+        check_names_of_dampers(effects, "law")
+        for one in effects:
+            is_rough = isinstance(one, FractionalDamping) and one.order > 1
+            if is_rough and (motion.kinks or motion.displacement.break_points):
                 raise ArgumentError(
                     f"law.{one.number - 1}.order",
-                    f"{one.order:g} is not allowed with straight lines between samples: its force "
+                    "orders above 1 are not allowed with straight lines between samples: its force "
                     "is infinite at every kink; write interpolation: cubic",
                 )
         scene = Scene(
@@ -93,7 +94,7 @@ class Material(Kind):
             initial_position=np.array([motion.start]),
             initial_velocity=np.array([motion.start_rate]),
             final_time=motion.final_time,
-            **effects,
+            damping=cast(Any, effects),
             prescribed=motion,
         )
         if self.parameters:
