@@ -176,7 +176,9 @@ def integrate_members(
         kinds.setdefault(("alone", place) if kind is None else kind, []).append(place)
     found: dict[int, Trajectory] = {}
     for places in kinds.values():
-        together = max(1, MOST_TOGETHER // _width(scenes[places[0]]))
+        together = 1
+        if len(places) > 1:
+            together = max(1, MOST_TOGETHER // _width(scenes[places[0]]))
         for first in range(0, len(places), together):
             part = places[first : first + together]
             members, asked = [scenes[k] for k in part], [requests[k] for k in part]
