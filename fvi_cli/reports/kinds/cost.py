@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from fvi_cli.reports.kinds.orders import NORMS, reference_in_words
+from fvi_cli.reports.kinds.orders import errors_in_words
 from fvi_cli.reports.table import Block, Column, Report, Sheet, grid_of, listed
 from fvi_cli.studies.cost import CostTable
 
@@ -37,9 +37,8 @@ def cost_report(name: str, tables: Sequence[CostTable]) -> Report:
 def _blocks(tables: Sequence[CostTable]) -> Iterator[Block]:
     yield "Seconds of set-up (from a cold start) and steps, one run after the other."
     for table in tables:
-        norm, reference = NORMS[table.experiment.norm], reference_in_words(table.reference)
         if len(tables) > 1:
             yield f"## {table.experiment.name}"
-        yield f"Errors in the {norm}, against {reference}."
+        yield f"{errors_in_words(table.experiment.norm, table.reference)}."
         yield grid_of(COLUMNS, table.rows)
         yield from listed(f"{row.run.title}: {row.message}" for row in table.rows if row.message)

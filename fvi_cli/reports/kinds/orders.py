@@ -90,13 +90,12 @@ def _is_round_off(of: Item, stored: Mapping[str, str]) -> set[str]:
     return {"error", "status", "used_in_fit"} if is_near else set()
 
 
-def reference_in_words(source: str) -> str:
-    """The reference of errors, in words."""
-    if source.startswith("reference run"):
-        return f"a {source}"
-    if source.startswith("N = "):
-        return source
-    return "the exact solution" + (f", {source}" if source != "expression" else "")
+def errors_in_words(norm: str, reference: str) -> str:
+    """In which norm errors are, and against what."""
+    known = {"expression": "the exact solution"}.get(
+        reference, reference.removeprefix("reference ")
+    )
+    return f"Errors in the {NORMS[norm]}; reference: {known}"
 
 
 def _blocks(title: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
@@ -156,10 +155,9 @@ def _setting(tables: Sequence[OrderTable]) -> str:
     rows = (row for one in tables for case in one.cases for row in case.rows)
     mark = "" if all(row.used_in_fit for row in rows) else "; in parentheses: not used by the slope"
     equation = f"`{table.equation}`; " if table.equation else ""
-    return (
-        f"{equation}{f'gamma = {gamma}; ' if gamma else ''}T = {table.final_time:g}. Errors in the "
-        f"{NORMS[table.norm]}, against {reference_in_words(table.reference)}{mark}."
-    )
+    errors = errors_in_words(table.norm, table.reference)
+    begin = f"{equation}{f'gamma = {gamma}; ' if gamma else ''}T = {table.final_time:g}"
+    return f"{begin}. {errors}{mark}."
 
 
 def _errors(cases: Sequence[OrderCase]) -> Grid:
