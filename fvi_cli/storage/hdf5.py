@@ -64,19 +64,6 @@ Source = Path | bytes
 class DamagedFileError(StorageError):
     """HDF5 cannot read a part of a file, or finds a wrong checksum in it."""
 
-    def __init__(self, path: Source, part: str, error: BaseException) -> None:
-        if isinstance(path, Path) and not h5py.is_hdf5(path):
-            message = (
-                "is no result file of fvi (not HDF5, or cut off); move it away, or choose another "
-                "name or --output"
-            )
-        else:
-            message = (
-                f"HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in other parts are "
-                "whole; move the file away, and its runs are computed again"
-            )
-        super().__init__(f"{_name_of(path)}: {message}")
-
 
 @contextlib.contextmanager
 def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
@@ -109,7 +96,15 @@ def damage_named(source: Source, part: str) -> Iterator[None]:
     except _READ_ERRORS as error:
         if isinstance(error, PermissionError):
             raise StorageError(f"{_name_of(source)}: cannot be read: {reason(error)}") from None
-        raise DamagedFileError(source, part, error) from error
+        if isinstance(source, Path) and not h5py.is_hdf5(source):
+            raise DamagedFileError(
+                f"{source}: is no result file of fvi (not HDF5, or cut off); move it away, or "
+                "choose another name or --output"
+            ) from error
+        raise DamagedFileError(
+            f"{_name_of(source)}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in "
+            "other parts are whole; move the file away, and its runs are computed again"
+        ) from error
 
 
 def _refuse_strangers(file: h5py.File, source: Source) -> None:

@@ -233,8 +233,7 @@ class Store:
 
         Experiments with other settings than those of the `requested` runs move to ``/@kept/``; if
         it `prunes`, runs that are not requested are dropped. One command folds at a time; a part
-        that appears meanwhile waits for the next. Where the file system has no locks,
-        parts stay.
+        that appears meanwhile waits for the next. Where the file system has no locks, parts stay.
         """
         if (
             self.path is None
@@ -277,16 +276,12 @@ class Store:
             )  # fmt: skip
 
     def _remove_unfinished(self) -> None:
-        """Remove the folder of parts, and files that a killed command left there."""
-        now = max((one.stat().st_mtime for one in self.folder.glob("*")), default=0.0)
-        for path in self.folder.glob(f".*{UNFINISHED}"):
-            with contextlib.suppress(OSError):
-                if path.stat().st_mtime < now - 3600 or not any(self.folder.glob(f"*{SUFFIX}")):
-                    path.unlink(missing_ok=True)
+        """Remove the folder of parts, with files that a killed command left there."""
         # another command may have written a part meanwhile
-        if not any(self.folder.glob(f"*{SUFFIX}")):
+        if not self.parts():
             with contextlib.suppress(OSError):
-                (self.folder / _RUNNING).unlink(missing_ok=True)
+                for path in (*self.folder.glob(f".*{UNFINISHED}"), self.folder / _RUNNING):
+                    path.unlink(missing_ok=True)
                 self.folder.rmdir()
 
 

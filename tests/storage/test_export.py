@@ -6,11 +6,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from command_line import configuration, fvi
+from command_line import configuration
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
-from fvi_cli.errors import StorageError
 from fvi_cli.storage.export import export_file
 
 CONFIG = configuration(
@@ -73,38 +72,6 @@ def test_designs_are_named_and_may_have_values_in_words(tmp_path, settled):
         text = "\n".join([*kept, settled])
     found = exported(tmp_path, text)
     assert {name.split("-")[1] for name in found} == {"soft", "bare", "late"}
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize(
-    ("problem", "names"),
-    [
-        (OSCILLATOR, "x,p_x"),
-        ("kind: kepler, initial: {position: [1, 0], velocity: [0, 1]}, final_time: 1.0",
-         "x,y,p_x,p_y"),
-        ("kind: chain, masses: 3, final_time: 1.0", "x1,x2,x3,p_x1,p_x2,p_x3"),
-    ],
-)  # fmt: skip
-def test_columns_are_called_as_the_coordinates(tmp_path, problem, names):
-    path = next(iter(exported(tmp_path, configuration(problem, name="named")).values()))
-    assert path.read_text().splitlines()[0] == f"time,{names},energy"
-
-
-def test_the_command_prints_what_it_writes(tmp_path):
-    (tmp_path / "one.yaml").write_text(CONFIG)
-    fvi("run", str(tmp_path / "one.yaml"), "-q", "--output", str(tmp_path), code=0)
-    done = fvi("export", str(tmp_path / "two-masses.h5"), "--output", str(tmp_path / "o"), code=0)
-    paths = [Path(line) for line in done.stdout.splitlines()]
-    assert sorted((tmp_path / "o" / "two-masses").iterdir()) == sorted(paths)
-    assert len(paths) == 4
-
-
-def test_mistakes_are_reported(tmp_path):
-    strange = tmp_path / "strange.h5"
-    strange.write_bytes(b"not HDF5")
-    with pytest.raises(StorageError, match="no result file"):
-        export_file(strange, tmp_path / "new")
-    assert not (tmp_path / "new").exists()
 
 
 def test_quantities_are_columns(tmp_path):

@@ -54,7 +54,7 @@ def test_kills_at_any_time_lose_nothing_that_is_stored(tmp_path):
         if len(now) == len(runs):
             (tmp_path / "results/many.h5").unlink()
             stored = set()
-    print(f"{computing} of {KILLS} kills hit while computing")
+    print(f"{computing} of {KILLS} kills hit while computing")  # noqa: T201
     subprocess.run(command, cwd=tmp_path, check=True)
     assert not list((tmp_path / "results").rglob(f"*{UNFINISHED}"))
     (fresh,) = fvi.run(parse_config(CONFIG, "many.yaml"))

@@ -67,11 +67,6 @@ def test_groups_and_axes(stored):
         assert run["events/never/time"].size == 0
 
 
-def test_listing(stored):
-    text = fvi.as_text(fvi.contents(stored[0]))
-    assert "torque" in text
-
-
 def test_members_of_a_sweep_keep_their_quantities(tmp_path):
     events = {**CONFIG["events"], "low": {"when": "x + 0.52"}, "end": {"when": "t - 7.55"}}
     config = {**CONFIG, "events": events, "sweep": {"problem.damping.0.order": [0.2, 0.5, 0.8]}}
@@ -94,12 +89,3 @@ def test_members_of_a_sweep_keep_their_quantities(tmp_path):
         assert run["events/never/position"].shape == (3, 0, 1)
     observed = [one.trajectory.observed for one in again.finished]
     assert len({one.extents["torque"].peak for one in observed if one is not None}) == 3
-
-
-@pytest.mark.few(1)
-@pytest.mark.parametrize("name", ["frame-forces", "ball-on-a-table"])
-def test_what_is_shipped_runs(name):
-    for outcome in fvi.run(fvi.load(name, overrides=["ladder.steps=[60]"])):
-        for one in outcome.finished:
-            assert one.status == "ok"
-            assert one.trajectory.observed.extents

@@ -2,7 +2,6 @@
 
 import itertools
 import random
-import shutil
 
 import h5py
 import numpy as np
@@ -87,17 +86,6 @@ def test_parts_are_found_and_folded_by_any_command(tmp_path, monkeypatch):
     assert "3 runs of one are not stored" in fvi("quantities", path).stderr
 
 
-def test_a_result_file_put_among_the_parts_is_folded(tmp_path, caplog):
-    caplog.set_level("DEBUG")
-    run(tmp_path / "there", SWEPT, "ladder.steps=[8]")
-    run(tmp_path / "here", SWEPT, "ladder.steps=[4]")
-    (tmp_path / "here/one.partial").mkdir()
-    shutil.copy(tmp_path / "there/one.h5", tmp_path / "here/one.partial/other.h5")
-    run(tmp_path / "here", SWEPT)
-    assert computed(caplog) == 0
-    assert kept_in(tmp_path / "here/one.h5", load(SWEPT).experiments[0].runs()) == 6
-
-
 def test_what_other_programs_add_stays(tmp_path):
     path = tmp_path / "one.h5"
     before = run(tmp_path, SWEPT)
@@ -139,21 +127,6 @@ def test_matrices_and_input_files_come_back(tmp_path, monkeypatch):
 
 
 # --- damage and refusals --------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("damage", ["cut", "flipped"])
-def test_a_damaged_part_is_named_and_its_runs_are_computed_when_it_is_away(tmp_path, damage):
-    store, finished = Store(tmp_path / "one.h5"), run(None, SWEPT)
-    add(store, finished)
-    (part,) = store.parts()
-    whole = bytearray(part.read_bytes())
-    whole[whole.rindex(finished[4].trajectory.position[2:].tobytes()[:8])] ^= 1
-    part.write_bytes(whole if damage == "flipped" else whole[:2000])
-    with pytest.raises(DamagedFileError, match=f"{part.name}.*HDF5.*; move"):
-        run(tmp_path, SWEPT)
-    part.unlink()
-    for one, other in zip(finished, run(tmp_path, SWEPT), strict=True):
-        assert np.array_equal(one.trajectory.position, other.trajectory.position)
 
 
 def contents(path) -> list[object]:

@@ -1,12 +1,10 @@
 """Members of a sweep in files: one group for all, and read back."""
 
 import json
-import warnings
 
 import h5py
 import numpy as np
 import pytest
-import xarray
 from command_line import MANY
 from stored_runs import assert_same
 
@@ -69,19 +67,6 @@ def test_the_group_is_that_of_the_contract(tmp_path):
                 assert all(len(dim) == 1 for dim in dataset.dims)
 
 
-@pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
-def test_xarray_opens_members_with_their_swept_values(tmp_path, engine):
-    keep(tmp_path)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        with xarray.open_dataset(tmp_path / "many.h5", group=GROUP, engine=engine) as opened:
-            data = opened.load()
-    data = data.assign_coords({name: data[name] for name in (ORDER, COEFFICIENT)})
-    assert data["position"].dims == ("member", "time", "dof")
-    stiff = data.where(data[COEFFICIENT] > 10, drop=True)
-    assert stiff.sizes["member"] == 2
-
-
 def test_values_that_are_no_numbers_are_kept(tmp_path):
     text = CONFIG.replace(
         CONFIG.splitlines()[-1],
@@ -116,16 +101,3 @@ def test_members_with_break_points_of_their_own_keep_their_times(tmp_path):
     for one in found:
         assert np.array_equal(one.trajectory.time, one.run.times)
     assert not np.array_equal(found[0].trajectory.time, found[1].trajectory.time)
-
-
-@pytest.mark.parametrize("name", ["accuracy", "steps", "member", "time"])
-def test_a_parameter_may_have_any_name_and_members_stay_in_one_group(tmp_path, name):
-    text = (
-        f"name: many\nproblem: {{kind: lagrangian, coordinates: [x], parameters: {{{name}: 1.0}}, "
-        f"lagrangian: vx**2/2 - {name}*x**2/2, initial: {{position: 1.0}}, final_time: 1.0}}\n"
-        "method: {rk: gauss, degree: 2}\nladder: {steps: [4]}\n"
-        f"sweep: {{problem.parameters.{name}: [1, 2, 3]}}\n"
-    )
-    keep(tmp_path, text)
-    (line,) = list_runs(tmp_path / "many.h5").runs
-    assert line.members == 3
