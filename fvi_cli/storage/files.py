@@ -77,10 +77,9 @@ def file_lock(path: Path, *, waits: bool) -> Iterator[bool]:
     try:
         lock.acquire()
     except (OSError, NotImplementedError) as error:
-        if isinstance(error, OSError) and not isinstance(error, Timeout):
-            is_without = error.errno in _WITHOUT_LOCKS
-            if not is_without:
-                raise
+        is_known = isinstance(error, Timeout | NotImplementedError)
+        if not is_known and getattr(error, "errno", None) not in _WITHOUT_LOCKS:
+            raise
         yield False
         return
     try:

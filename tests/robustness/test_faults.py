@@ -34,7 +34,7 @@ def test_a_killed_command_loses_what_is_under_way(folder, options):
         process.kill()
     assert complete_runs(folder / "results/quick.h5", "slow.yaml") == 2
     # any command finds the runs
-    assert here("show", "results/quick.h5", code=0).stdout.count(" ok ") == 2
+    assert here("show", "results/quick.h5", code=0).stdout.count(" ok\n") == 2
     again = here("run", "slow.yaml", "-v", *FEW, code=0)
     assert "quick: 2 runs, 2 of them stored" in again.stderr
 
@@ -77,7 +77,7 @@ def test_a_worker_that_dies_costs_its_own_batch(folder, monkeypatch):
     assert process.returncode == 1
     assert "BrokenProcessPool" in err
     assert "Traceback" not in err
-    assert [row.split()[3] for row in out.splitlines() if "failed" in row] == ["9001"]
+    assert [row.split()[2] for row in out.splitlines() if "failed" in row] == ["9001"]
     monkeypatch.undo()
     os.chdir(folder)
     again = here("run", "quick.yaml", "-v", *steps, code=0)
