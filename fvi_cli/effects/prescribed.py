@@ -88,8 +88,10 @@ class PrescribedMotion:
 
 def _rate_of(component: ForceComponent) -> ForceComponent:
     if isinstance(component, SampledForce):
+        if component.formula is not None:
+            raise ArgumentError("displacement", "give a formula or samples, not both")
         powers = np.arange(component.order - 1, 0, -1)[:, None]
-        return replace(component, coefficients=powers * component.coefficients[:-1], formula=None)
+        return replace(component, coefficients=powers * component.coefficients[:-1])
     if not isinstance(component, Expression):
         raise ArgumentError("displacement", "give a formula or samples, not a function")
 
