@@ -122,9 +122,11 @@ def spectrum_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> 
 def _period(one: FinishedRun) -> float:
     r"""The period :math:`2 \pi \sqrt{m / k}` of a member."""
     scene = build_scene(one.run.problem_specification)
-    if scene.dimension != 1 or not isinstance(scene.potential, QuadraticPotential):
-        raise NothingToDraw("every member must be a linear oscillator of one degree of freedom")
-    return 2.0 * math.pi * math.sqrt(scene.inertia.mass[0, 0] / scene.potential.stiffness[0, 0])
+    if scene.dimension == 1 and isinstance(scene.potential, QuadraticPotential):
+        stiffness, mass = scene.potential.stiffness[0, 0], scene.inertia.mass[0, 0]
+        if stiffness > 0:
+            return 2.0 * math.pi * math.sqrt(mass / stiffness)
+    raise NothingToDraw("every member must be a linear oscillator of one degree of freedom")
 
 
 def ensemble_figure(

@@ -115,7 +115,7 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 
     Where the exact solution of one scene is known, it is shown too, and the error below.
     """
-    shown, exact = select(experiment, finished), experiment.problem.exact
+    shown, exact = select(experiment, finished, in_columns=True), experiment.problem.exact
     dimension = shown.best.trajectory.position.shape[1]
     names = coordinates_of(experiment, dimension)[:MOST_COMPONENTS]
     motions = {
@@ -151,7 +151,13 @@ def _error(item: FinishedRun) -> Array:
 
 def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the Hamiltonian without forcing; below the relative difference to the exact one."""
-    shown = select(experiment, finished, lambda one: one.trajectory.energy is not None, NO_MOMENTUM)
+    shown = select(
+        experiment,
+        finished,
+        lambda one: one.trajectory.energy is not None,
+        NO_MOMENTUM,
+        in_columns=True,
+    )
     label = with_unit("energy $H$", experiment.units, "energy")
     panels = over_time(experiment, shown, {label: _energy})
     true = None if experiment.members else _exact_energy(experiment)
@@ -179,7 +185,7 @@ def _energy(item: FinishedRun) -> tuple[Array, Array]:
 
 def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw the largest absolute error of all components over time, logarithmically."""
-    shown = select(experiment, finished)
+    shown = select(experiment, finished, in_columns=True)
     several = shown.best.trajectory.position.shape[1] > 1
     words = r"error $\max_i\,|x_{i,k}-x_i(t_k)|$" if several else "error $|x_k-x(t_k)|$"
 
@@ -257,7 +263,7 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 
     Of one run, those of one kind (drift_1, drift_3) share a panel.
     """
-    shown = select(experiment, finished, lambda one: observed_of(one).quantities, NO_QUANTITIES)
+    shown = select(experiment, finished, has_quantities, NO_QUANTITIES, in_columns=True)
     groups: dict[str, list[str]] = {}
     stems = {name: re.sub(r"_\d+$", "", name) for name in observed_of(shown.best).quantities}
     for name, stem in stems.items():
@@ -299,18 +305,26 @@ def quantity_label(experiment: Experiment, name: str, words: str = "") -> str:
 
 def _values_of(name: str) -> Motion:
     """The function that gives times and values of a quantity."""
-    return lambda item: (_dense(item)[0], _dense(item)[1][name])
+    return lambda item: (
+        within_steps(item).trajectory.time,
+        observed_of(within_steps(item)).quantities[name],
+    )
 
 
 @functools.lru_cache(maxsize=16)
-def _dense(item: FinishedRun) -> tuple[Array, Mapping[str, Array]]:
-    """Times and quantities; where few are reported, those within the steps that were kept."""
-    trajectory, quantities = item.trajectory, observed_of(item).quantities
+def within_steps(item: FinishedRun) -> FinishedRun:
+    """The run at the times at which it is drawn, where its steps were kept and few are reported."""
+    trajectory = item.trajectory
     if trajectory.steps is None or trajectory.time.size >= LEAST_POINTS:
-        return trajectory.time, quantities
+        return item
     request = replace(item.run.observations, times=drawn_times(item), events={}, impacts={})
     (dense,) = observe_runs([item.run.scene], item.run.method, [trajectory], [request])
-    return dense.time, quantities if dense.observed is None else dense.observed.quantities
+    return replace(item, trajectory=dense)
+
+
+def has_quantities(item: FinishedRun) -> bool:
+    """Whether quantities were requested of a run."""
+    return bool(observed_of(item).quantities)
 
 
 def observed_of(item: FinishedRun) -> Observed:

@@ -20,8 +20,10 @@ from fvi_cli.plotting.kinds.motions import (
     NO_QUANTITIES,
     drawn_motion,
     drawn_velocity,
+    has_quantities,
     observed_of,
     quantity_label,
+    within_steps,
 )
 from fvi_cli.plotting.kinds.runs import Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
@@ -170,14 +172,14 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     if not (forces := forces_of(experiment)):
         words = "no quantity is the force of a damper; write quantities: {force: force_1}"
         raise NothingToDraw(words)
-    shown = select(experiment, finished, lambda one: observed_of(one).quantities, NO_QUANTITIES)
+    shown = select(experiment, finished, has_quantities, NO_QUANTITIES)
+    best = within_steps(shown.best)
     panels = []
     for name in forces[:MOST_COMPONENTS]:
         if experiment.members:
             curves = shown.curves(functools.partial(deformation_against, name=name))
         else:
-            time = shown.best.trajectory.time
-            curves = _loops(time, *deformation_against(shown.best, name))
+            curves = _loops(best.trajectory.time, *deformation_against(best, name))
         x = with_unit("deformation", experiment.units, "length")
         panels.append(Panel(curves=curves, x=x, y=quantity_label(experiment, name)))
     return _planes(panels, **shown.titles)

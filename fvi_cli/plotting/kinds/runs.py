@@ -95,12 +95,14 @@ def select(
     finished: Sequence[FinishedRun],
     is_drawable: Callable[[FinishedRun], object] = lambda item: True,
     reason: str = "",
+    *,
+    in_columns: bool = False,
 ) -> Shown:
     """One run for every method, on the finest steps with which most methods succeeded.
 
-    There is a column for every degree. Of a sweep up to 100 members on the finest steps by the
-    first method, evenly chosen, with a column for every value of the key that has fewest. Runs that
-    failed or diverged are shown where all did.
+    Of a sweep up to 100 members on the finest steps by the first method, evenly chosen. Runs that
+    failed or diverged are shown where all did. Columns are those of the degrees, or of the values
+    of the swept key that has fewest.
 
     Raises
     ------
@@ -114,31 +116,31 @@ def select(
     able = [one for one in usable if one.status in ("ok", "floor")] or usable
     if experiment.members:
         finest = finest_of_members(able)
-        return _members(experiment, finest[:: -(-len(finest) // _MOST_MEMBERS)])
+        few = finest[:: -(-len(finest) // _MOST_MEMBERS)]
+        return _members(experiment, few, in_columns=in_columns)
     counts = Counter(one.run.n_steps for one in able)
     n_steps = max(counts, key=lambda n: (counts[n], n))
     shown = [one for one in able if one.run.n_steps == n_steps]
-    words = method_words([one.run.method for one in shown])
-    for known in words.values():
-        known["look"] = replace(known["look"], marker="")
     step = f"$h={shown[0].run.step_size:.4g}$ {experiment.units.get('time', '')}".rstrip()
     is_equal = experiment.grading == 1.0 and experiment.accuracy is None
-    columns = {
-        ", ".join(filter(None, [degree, step * is_equal])): own
-        for degree, own in by_degree(shown).items()
-    }
-    own = {one: words[one.run.method.case] for one in shown}
-    return Shown(columns=columns, words=own, titles={})
+    columns, words = {}, {}
+    for degree, own in (by_degree(shown) if in_columns else {"": shown}).items():
+        columns[", ".join(filter(None, [degree, step * is_equal]))] = own
+        known = method_words([one.run.method for one in own])
+        for one in own:
+            label, look = known[one.run.method.case].values()
+            words[one] = {"label": label, "look": replace(look, marker="")}
+    return Shown(columns=columns, words=words, titles={})
 
 
-def _members(experiment: Experiment, shown: Sequence[FinishedRun]) -> Shown:
-    """Members, with a column for every value of the key that has fewest of several."""
+def _members(experiment: Experiment, shown: Sequence[FinishedRun], *, in_columns: bool) -> Shown:
+    """Members, in columns by the key that has the fewest values of several."""
     units, first = experiment.units, experiment.members[0]
     counts = {
         key: len({value_in_words(one.values[key]) for one in experiment.members})
         for key in first.unnamed
     }
-    is_many = len(counts) > 1 and len(experiment.members) > _MOST_NAMED
+    is_many = in_columns and len(counts) > 1 and len(experiment.members) > _MOST_NAMED
     key = min(counts, key=lambda one: counts[one]) if is_many else ""
     key = key if 1 < counts.get(key, 0) <= _MOST_PANELS else ""
     label = key and f"{key_label(key, units, first.specification, experiment.swept)} = "
