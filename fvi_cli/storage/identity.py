@@ -47,15 +47,13 @@ def identity_of(run: Run) -> str:
     neither method nor steps, which it chooses.
     """
     settings = _settings(run.experiment, run.method, run.n_steps)
-    problem = _problem(run, {} if run.member is None else run.member.values)
-    return sha256(f"{SOLVER_VERSION} {settings} {canonical_json(problem)}")
+    return sha256(f"{SOLVER_VERSION} {settings} {canonical_json(_problem(run))}")
 
 
 def reference_identity_of(run: Run) -> str:
     """SHA-256 of the problem and the ladder, which determine the reference of a run."""
     ladder = [sorted(run.experiment.steps), run.experiment.grading]
-    problem = _problem(run, {} if run.member is None else run.member.values)
-    return sha256(canonical_json(["reference", SOLVER_VERSION, problem, ladder]))
+    return sha256(canonical_json(["reference", SOLVER_VERSION, _problem(run), ladder]))
 
 
 def variant_of(run: Run) -> tuple[str, str]:
@@ -64,9 +62,8 @@ def variant_of(run: Run) -> tuple[str, str]:
     In the problem ``swept`` stands for swept values.
     """
     settings = {key: one for key, one in run.settings().items() if key not in METHOD_KEYS}
-    swept = {} if run.member is None else dict.fromkeys(run.member.values, "swept")
-    own = {"solver_version": SOLVER_VERSION, "problem": _problem(run, swept)}
-    text = canonical_json({**settings, **own})
+    problem = _problem(run, "swept")
+    text = canonical_json({**settings, "solver_version": SOLVER_VERSION, "problem": problem})
     return sha256(text)[:12], text
 
 
@@ -78,9 +75,14 @@ def _settings(experiment: Experiment, method: Any, n_steps: int) -> str:
     return canonical_json(settings)
 
 
-def _problem(run: Run, values: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The problem of a run with some values, digests for long lists, and no places of files."""
+def _problem(run: Run, swept: str = "") -> Mapping[str, Any]:
+    """The problem of a run, with digests for long lists, and no places of files.
+
+    A word `swept` stands for swept values.
+    """
     template = _text_of(run.experiment) if run.member is None else run.member.template
+    values = {} if run.member is None else run.member.values
+    values = dict.fromkeys(values, swept) if swept else values
     changed = frozenset(path.split(".")[1] for path in values)
     found = with_values(_extracted(template, changed), values)
     return found | {key: extract_lists(without_places(found[key])) for key in changed & {*found}}

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import json
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, Final
 
@@ -18,7 +17,7 @@ from numpy.typing import NDArray
 from fvi_cli.scenes.records.inputs import inputs_in
 from fvi_cli.storage.fields import MESH, TIME, arrays_of, axes_of, values_of
 from fvi_cli.storage.groups import DESIGN, IDENTITY, LENGTHS, NUMBER, GroupWriter, Record
-from fvi_cli.storage.hdf5 import LIBVER, write_attributes, write_plain, write_root
+from fvi_cli.storage.hdf5 import LIBVER, as_text, write_attributes, write_plain, write_root
 from fvi_cli.storage.identity import identity_of, reference_identity_of, sha256, variant_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import Reference, Tabulated
@@ -110,8 +109,9 @@ def _record(run: Run, finished: FinishedRun) -> Record:
 
 
 def _plain(value: Any) -> Any:
-    is_plain = isinstance(value, int | float | str) and not isinstance(value, bool)
-    return value if is_plain else json.dumps(value)
+    """A swept value as a number or a text."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool)
+    return float(value) if is_number else as_text(value)
 
 
 def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool]:
