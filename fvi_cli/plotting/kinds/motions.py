@@ -265,7 +265,7 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     """
     shown = select(experiment, finished, has_quantities, NO_QUANTITIES, in_columns=True)
     groups: dict[str, list[str]] = {}
-    stems = {name: re.sub(r"_\d+$", "", name) for name in observed_of(shown.best).quantities}
+    stems = {name: re.sub(r"_\d+$", "", name) for name in observed_of(shown.best).extents}
     for name, stem in stems.items():
         together = len(shown.runs) == 1 and list(stems.values()).count(stem) > 1
         label = quantity_label(experiment, name, stem if together else name)
