@@ -32,20 +32,6 @@ def environment() -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": search, "PYTHONUNBUFFERED": ""}
 
 
-def fvi(folder: Path, *arguments: object, **options: object) -> subprocess.CompletedProcess[str]:
-    """Run a command in `folder` to its end."""
-    return subprocess.run(
-        [*COMMAND, *map(str, arguments)],
-        cwd=folder,
-        env=environment(),
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        **options,
-    )
-
-
 def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
     """Begin a command in `folder`; its standard error can be read line by line."""
     return subprocess.Popen(
@@ -56,15 +42,6 @@ def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
     )
-
-
-def first_finished(process: subprocess.Popen[str], count: int = 1) -> None:
-    """Wait until a command with ``-v`` has told of so many finished runs."""
-    told = ""
-    while told.count("error") < count:
-        line = process.stderr.readline()
-        assert line, told
-        told += line
 
 
 def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | None:
