@@ -8,10 +8,6 @@ import h5py
 import numpy as np
 import pytest
 from command_line import configuration, fvi, rows_of
-from oracles.characteristic import (
-    characteristic_terms,
-    characteristic_zeros,
-)
 from oracles.sandwich_beam import SIZES, beam_matrices, sandwich_beam
 from scipy.io import mmwrite
 from scipy.sparse import coo_array
@@ -53,36 +49,6 @@ def sandwich(elements: int) -> Scene:
 @pytest.fixture(scope="module")
 def beam_modes() -> ModeTable:
     return find_modes(sandwich(42), 10)
-
-
-def test_one_oscillator_has_the_zero_of_its_characteristic_function():
-    for order, mu in ((0.3, 0.5), (0.5, 4.0), (1.5, 0.7), (1.9, 0.2)):
-        damping = FractionalDamping(order=order, coefficient=mu)
-        table = find_modes(linear_scene(np.eye(1), 2.0 * np.eye(1), damping), 1)
-        function = characteristic_terms(mass=1.0, stiffness=2.0, damping=((order, mu),))
-        (cluster,) = characteristic_zeros(function)
-        assert table.is_complete
-        assert table.modes[0].frequency == pytest.approx(cluster.center, rel=1e-11)
-
-
-def test_viscous_modes_are_those_of_the_quadratic_eigenvalue_problem():
-    rng = np.random.default_rng(2)
-    root = rng.standard_normal((6, 6))
-    stiffness, mass = root @ root.T + 20 * np.eye(6), np.diag(rng.uniform(0.5, 2.0, 6))
-    other = rng.standard_normal((6, 2))
-    damping = 0.8 * other @ other.T
-    table = find_modes(
-        linear_scene(mass, stiffness, FractionalDamping(order=1.0, coefficient=damping)), 6
-    )
-    inverse = np.linalg.inv(mass)
-    companion = np.block(
-        [[np.zeros((6, 6)), np.eye(6)], [-inverse @ stiffness, -inverse @ damping]]
-    )
-    expected = sorted((s for s in np.linalg.eigvals(companion) if s.imag > 1e-6), key=abs)
-    assert table.is_complete
-    found = [mode.frequency for mode in table.modes]
-    assert found == pytest.approx(expected, rel=1e-11)
-    assert max(mode.residual for mode in table.modes) < 1e-14
 
 
 def test_ten_modes_of_a_sandwich_beam(beam_modes):
@@ -168,19 +134,6 @@ def test_a_steady_response_is_the_sum_over_modes_of_proportional_damping(order):
     omega = 2 * np.pi * hertz[:, None]
     gains = (load @ shapes) / (squares - omega**2 + (1j * omega) ** order * (0.1 + 0.02 * squares))
     assert np.abs(table.values - gains @ shapes.T).max() < 1e-12
-
-
-def test_half_power_widths_tell_the_loss_factor_of_light_damping():
-    damping = FractionalDamping(order=1.0, coefficient=0.02)
-    scene = linear_scene(np.eye(1), np.eye(1), damping)
-    table = harmonic_response(
-        scene, np.ones(1), np.linspace(0.1, 0.25, 60), outputs=["x"], rows=np.eye(1)
-    )
-    (peak,) = table.peaks
-    assert peak.hertz == pytest.approx(math.sqrt(1 - 2 * 0.01**2) / (2 * math.pi), rel=1e-7)
-    assert peak.loss_factor == pytest.approx(0.02, rel=1e-3)
-    (mode,) = find_modes(scene, 1).modes
-    assert mode.loss_factor == pytest.approx(peak.loss_factor, rel=1e-3)
 
 
 @pytest.mark.slow

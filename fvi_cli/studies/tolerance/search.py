@@ -57,6 +57,8 @@ STALLED_FACTOR: Final = 0.01
 """Factor to the next local tolerance after one that did not reduce the error."""
 STALLED_SHARE: Final = 0.2
 """An error that does not fall with the steps must be below this share of the tolerance."""
+AFTER_FAILURE: Final = 1e-3
+"""Factor to the next local tolerance after a run that failed."""
 SENSITIVE: Final = 1e3
 """Differences that grow by more than this in a run make it unreliable."""
 MAY_MISS: Final = 0.03
@@ -149,7 +151,7 @@ def solve_by_two_runs(
             failed += 1
             if failed > 2 or attempt.run.n_steps >= MOST_STEPS:
                 break
-            local *= 0.03
+            local *= AFTER_FAILURE
             continue
         amplitude, estimate = amplitude_of(attempt.run), attempt.estimate
         target = length(amplitude)

@@ -34,6 +34,8 @@ EXTRA: Final = 12
 """Number of modes computed beyond the requested ones, to see where these end."""
 SLOWEST: Final = 1e-4
 """Slower motions, relative to the slowest of the first modes, are not counted."""
+RIGID: Final = 1e-6
+"""Frequencies below this share of the largest one are round-off of a singular stiffness."""
 EDGES: Final = (0.5, 0.37, 0.66)
 """Places of the contour between the last requested mode and the next one: the next place where a
 mode lies on the contour."""
@@ -186,7 +188,7 @@ def undamped_modes(stiffness: DynamicStiffness, centre: float, wanted: int) -> t
         )
     rates = np.sqrt(np.maximum(squares, 0.0))
     order = np.argsort(np.abs(rates - centre), kind="stable")[:wanted]
-    order = order[rates[order] > 1e-6 * rates.max()]
+    order = order[rates[order] > RIGID * rates.max()]
     return rates[order], vectors[:, order]
 
 
@@ -263,7 +265,9 @@ def _region_around(
     else:
         largest = (1.0 + 0.1 * edge) * max(*sizes, *rates)
         reach = largest - centre
-    slowest = SLOWEST * (1.0 + edge) * min([*sizes, *rates], default=largest)
+    # rigid motions, whose s is round-off, are none of the first modes
+    first = [size for size in (*sizes, *rates) if size > RIGID * rates.max(initial=0.0)]
+    slowest = SLOWEST * (1.0 + edge) * min(first, default=largest)
     ratio = LARGEST_RATIO - 1e-3 * (edge - EDGES[0])
     return Region(
         least=max(slowest, centre - float(reach)),

@@ -227,13 +227,20 @@ def _crossing(
     """Where the magnitude falls to a limit on one side of a peak; nan where it rises before."""
     from scipy.optimize import brentq
 
-    falls = np.flatnonzero(size <= limit)
-    if not falls.size or np.any(np.diff(size[: falls[0]]) > 0):
+    # at the first point that is low enough, or beyond a valley
+    ends = np.flatnonzero((size <= limit) | (np.diff(size, prepend=math.inf) > 0))
+    if not ends.size:
         return math.nan
-    inside = float(hertz[falls[0] - 1]) if falls[0] else peak
-    length = float(hertz[falls[0]]) - inside
+    places = [peak, peak, *hertz[: ends[0] + 1].tolist()]
+    inside, outside = places[-2:]
+    if size[ends[0]] > limit:
+        inside = places[-3]
+        outside, depth = _maximum(lambda frequency: -at(frequency), *sorted((inside, outside)))
+        if -depth > limit:
+            return math.nan
+    length = outside - inside
     part = brentq(lambda part: at(inside + part * length) - limit, 0.0, 1.0, xtol=1e-12)
-    return inside + float(part) * length
+    return float(inside + part * length)
 
 
 def harmonic_force(
