@@ -16,13 +16,8 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.draw import figure, lines
 from fvi_cli.plotting.kinds.runs import Motion, Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import BLACK, EXACT, cycled
-from fvi_cli.plotting.words import (
-    coordinates_of,
-    number_in_words,
-    position_label,
-    time_label,
-)
+from fvi_cli.plotting.style import BLACK, EXACT
+from fvi_cli.plotting.words import coordinates_of, number_in_words, position_label, time_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
@@ -273,13 +268,13 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     panels = []
     for label, names in list(groups.items())[:_MOST_PANELS]:
         for runs in shown.columns.values():
-            curves = [one for name in names for one in shown.curves(_values_of(name), runs)]
+            motions = [functools.partial(_quantity, name=name) for name in names]
+            curves = [one for motion in motions for one in shown.curves(motion, runs)]
             if len(shown.runs) == 1:
-                words = [name.replace("_", " ") if len(names) > 1 else "" for name in names]
-                looks = [cycled(k) if len(names) > 1 else BLACK for k in range(len(names))]
+                words = [name.replace("_", " ") * (len(names) > 1) for name in names]
                 curves = [
-                    replace(one, label=word, look=look)
-                    for one, word, look in zip(curves, words, looks, strict=True)
+                    replace(one, label=word, look=None)
+                    for one, word in zip(curves, words, strict=True)
                 ]
             if not experiment.members:
                 peaks = [_peak(item, name) for name in names for item in runs]
@@ -303,12 +298,9 @@ def quantity_label(experiment: Experiment, name: str, words: str = "") -> str:
     return with_unit((words or name).replace("_", " "), experiment.units, *kinds)
 
 
-def _values_of(name: str) -> Motion:
-    """The function that gives times and values of a quantity."""
-    return lambda item: (
-        within_steps(item).trajectory.time,
-        observed_of(within_steps(item)).quantities[name],
-    )
+def _quantity(item: FinishedRun, name: str) -> tuple[Array, Array]:
+    dense = within_steps(item)
+    return dense.trajectory.time, observed_of(dense).quantities[name]
 
 
 @functools.lru_cache(maxsize=16)
