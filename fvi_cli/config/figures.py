@@ -23,8 +23,7 @@ _NEEDS: Final = {
     "quantities": f"there are no quantities{_QUANTITIES}",
     "hysteresis": "it needs the force of a damper; give quantities: {force: force_1}",
 }
-_SWEEP: Final = "the experiment has no sweep; write sweep: {{{}: {{from: 1, to: 2, number: 9}}}}"
-_OVER_TIME: Final = "must be a swept key, such as problem.stiffness; over time: [quantities]"
+_SWEEP: Final = "; write sweep: {problem.stiffness: {from: 1, to: 2, number: 9}}"
 
 
 def wrong_figures(
@@ -61,13 +60,8 @@ def wrong_figures(
                 known = [*(f"peak_{name}" for name in quantities), *events]
                 what = "peak_<quantity> or an event"
                 yield from _unknown(one.plot or "", known, what, (index, "plot"), _QUANTITIES)
-            keys = _swept(members)
-            key = one.against or ""
-            empty = _SWEEP.format(excerpt(key)) if key.startswith("problem.") else _OVER_TIME
-            if keys:
-                yield from _unknown(key, keys, "a swept key", (index, "against"))
-            else:
-                yield Wrong((index, "against"), empty)
+            key, swept = one.against or "", _swept(members)
+            yield from _unknown(key, swept, "a swept key", (index, "against"), _SWEEP)
         if one.after and one.section is None and one.plot not in events:
             yield Wrong((index, "after"), "for events only: leave it out", of_key=True)
         elif one.after >= problem.final_time:
