@@ -36,13 +36,16 @@ def find_config(name: str) -> Path:
     try:
         if path.is_file():
             return path
+        is_folder = path.is_dir()
         neighbours = sorted(str(one) for one in path.parent.glob("*.y*ml"))
     except (OSError, ValueError):
-        neighbours = []
+        is_folder, neighbours = False, []
     plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
     if plain in known:
         return _folder() / f"{plain}.yaml"
-    near = suggestion(name, neighbours if path.parent.name else (*known, *neighbours))
+    if is_folder:
+        raise RequestError(f"{shown}: a folder, not a configuration file")
+    near = suggestion(plain, neighbours if path.parent.name else (*known, *neighbours))
     words = f"{shown}: no such file, and no shipped configuration has this name"
     raise RequestError(f"{words}{near}; `fvi list` lists them")
 
