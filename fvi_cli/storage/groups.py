@@ -18,7 +18,7 @@ import numpy as np
 from h5py import h5a
 from numpy.typing import NDArray
 
-from fvi_cli.storage.fields import COUNTS, MESH, OCCURRENCE, TIME, axes_of, field_named
+from fvi_cli.storage.fields import COUNTS, OCCURRENCE, TIME, axes_of, field_named
 from fvi_cli.storage.fields import meaning_of as meaning
 from fvi_cli.storage.hdf5 import (
     FILL,
@@ -39,8 +39,8 @@ OF_GROUP: Final = ("method", "case", "n_steps", "step_size", "coordinates", "sto
 """Values that all members of a group share; they are its attributes."""
 NUMBER, DESIGN = "number", "design"
 """Place in the sweep, and name, of a member."""
-LENGTHS: Final[Mapping[str, str]] = {TIME: "points", MESH: "mesh_points"}
-"""Values with the lengths of the arrays of a member along an axis."""
+POINTS: Final = "points"
+"""How many times a member has."""
 BLOCK_BYTES: Final = 2**24
 BLOCK_ROWS: Final = 4096
 """Members are read in blocks of so many bytes and rows."""
@@ -224,14 +224,16 @@ def _values(name: str, column: NDArray[Any]) -> list[Any]:
     """The values of a column; None where a member has none."""
     if column.dtype.kind == "S":
         return [_value(name, one.decode()) if one else None for one in column.tolist()]
-    return [None if one == FILL["i"] else one for one in column.tolist()]
+    if column.dtype.kind == "i":
+        return [None if one == FILL["i"] else one for one in column.tolist()]
+    return list(column.tolist())
 
 
 def _cut(arrays: Mapping[str, NDArray[Any]], values: Mapping[str, Any]) -> dict[str, NDArray[Any]]:
     """The arrays of a member without the fill at their ends; those that it lacks are left out."""
-    lengths = {axis: values.get(name, 0) for axis, name in LENGTHS.items()}
     counts = values.get(COUNTS, {})
-    lengths |= {f"events/{name}/{OCCURRENCE}": one for name, one in counts.items()}
+    lengths = {f"events/{name}/{OCCURRENCE}": one for name, one in counts.items()}
+    lengths[TIME] = values[POINTS]
     return {
         name: one[: lengths[axis]]
         for name, one in arrays.items()
@@ -249,7 +251,7 @@ def _own_datasets(
 ) -> dict[str, h5py.Dataset]:
     """The arrays and columns of this program in a group, or below a path in it."""
     found = datasets(group[above or "."]) if not above or above in group else ()
-    labels = {IDENTITY, NUMBER, DESIGN, *LENGTHS.values(), *keys} if keys else ()
+    labels = {IDENTITY, NUMBER, DESIGN, POINTS, *keys} if keys else ()
     return {
         name: node
         for name, node in ((above + path, node) for path, node in found)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.scenes.records.inputs import inputs_in
 from fvi_cli.storage.fields import MESH, TIME, arrays_of, axes_of, values_of
-from fvi_cli.storage.groups import DESIGN, IDENTITY, LENGTHS, NUMBER, GroupWriter, Record
+from fvi_cli.storage.groups import DESIGN, IDENTITY, NUMBER, POINTS, GroupWriter, Record
 from fvi_cli.storage.hdf5 import LIBVER, as_text, write_attributes, write_plain, write_root
 from fvi_cli.storage.identity import identity_of, reference_identity_of, sha256, variant_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -53,14 +53,14 @@ def references_part_of(runs: Sequence[Run], references: Sequence[Reference | Non
     records = []
     for run, one in zip(runs, references, strict=True):
         arrays: dict[str, NDArray[Any]] = {}
-        values = {IDENTITY: reference_identity_of(run), LENGTHS[TIME]: 0}
+        values = {IDENTITY: reference_identity_of(run), POINTS: 0}
         place = "exact"
         if one is not None:
             if not isinstance(one.values, Tabulated):
                 raise TypeError(f"{run.title}: the reference is a function, which is not stored")
             arrays = {TIME: one.values.time, "position": one.values.position}
             values |= {"reference_error": one.error, "reference": one.source}
-            values |= {LENGTHS[TIME]: int(one.values.time.size)}
+            values[POINTS] = int(one.values.time.size)
             place = hashlib.sha256(arrays[TIME].tobytes()).hexdigest()[:12]
         # references at the same times share a group
         path = f"/{REFERENCES}/{run.experiment.name}/{place}"
@@ -104,7 +104,7 @@ def _record(run: Run, finished: FinishedRun) -> Record:
     values |= {key: _plain(value) for key, value in run.member.values.items()}
     if not is_shared:
         return Record(f"{path}-{values[IDENTITY][:12]}", values, arrays)
-    values |= {name: arrays[axis].size for axis, name in LENGTHS.items() if axis in arrays}
+    values[POINTS] = arrays[TIME].size
     return Record(path, values, arrays, tuple(sorted(run.member.values)))
 
 
@@ -125,32 +125,30 @@ def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool
                 arrays[name] = one[_kept_points(len(one), every)]
     if run.member is None:
         return arrays, False
-    grids = _grids(run.experiment, run.method, run.n_steps)
-    for axis in [axis for axis in LENGTHS if axis in arrays]:
-        own, grid = arrays[axis], grids[axis]
-        common = min(own.size, grid.size)
-        if not common:
-            return arrays, False
-        spacing = float(np.diff(grid).min(initial=grid[-1]))
-        off = np.flatnonzero(np.abs(own[:common] - grid[:common]) > 1e-6 * spacing)
-        points = int(off[0]) if off.size else common
-        # an event may have ended the run between the points of the grid
-        if points < own.size - 1:
-            return arrays, False
-        # members have the times of their sweep bit by bit
-        arrays |= {n: one[:points] for n, one in arrays.items() if axes_of(n)[0] == axis}
-        arrays[axis] = grid[:points]
-    return arrays, True
+    own, grid = arrays[TIME], _grid(run.experiment, run.method, run.n_steps)
+    common = min(own.size, grid.size)
+    if not common:
+        return arrays, False
+    spacing = float(np.diff(grid).min(initial=grid[-1]))
+    off = np.flatnonzero(np.abs(own[:common] - grid[:common]) > 1e-6 * spacing)
+    points = int(off[0]) if off.size else common
+    # an event may have ended the run between the points of the grid
+    if points < own.size - 1:
+        return arrays, False
+    # members have the times of their sweep bit by bit
+    arrays = {n: one[:points] if axes_of(n)[0] == TIME else one for n, one in arrays.items()}
+    return arrays | {TIME: grid[:points]}, True
 
 
 @functools.lru_cache(maxsize=64)
-def _grids(experiment: Experiment, method: Any, n_steps: int) -> dict[str, NDArray[Any]]:
-    """Times that members of a sweep report, and points of their meshes; empty: each has its own."""
-    mesh, times = np.zeros(0), experiment.observations.times
-    if experiment.accuracy is None:
-        mesh = Run(experiment=experiment, method=method, n_steps=n_steps).times
-        mesh = mesh[_kept_points(mesh.size, experiment.store_every)]
-    return {TIME: mesh if times is None else np.asarray(times, dtype=float), MESH: mesh}
+def _grid(experiment: Experiment, method: Any, n_steps: int) -> NDArray[Any]:
+    """The times that members of a sweep report; empty: each chooses its own."""
+    if experiment.observations.times is not None:
+        return np.asarray(experiment.observations.times, dtype=float)
+    if experiment.accuracy is not None:
+        return np.zeros(0)
+    times = Run(experiment=experiment, method=method, n_steps=n_steps).times
+    return times[_kept_points(times.size, experiment.store_every)]
 
 
 def _kept_points(points: int, every: int) -> NDArray[np.intp]:

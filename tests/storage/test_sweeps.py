@@ -101,3 +101,10 @@ def test_members_with_break_points_of_their_own_keep_their_times(tmp_path):
     for one in found:
         assert np.array_equal(one.trajectory.time, one.run.times)
     assert not np.array_equal(found[0].trajectory.time, found[1].trajectory.time)
+
+
+def test_a_value_of_minus_one_is_a_value(tmp_path):
+    sweep = CONFIG.splitlines()[-1]
+    keep(tmp_path, CONFIG.replace(sweep, "sweep: {problem.initial.velocity: [-1, 1]}"))
+    runs = list_runs(tmp_path / "many.h5").runs
+    assert {one.swept for one in runs} == {"problem.initial.velocity = -1, 1"}
