@@ -76,7 +76,9 @@ def figure(
         is_covered = sharex and place + columns < len(placed) and placed[place + columns]
         is_beside = column and placed[place - 1] and placed[place - 1].y == panel.y
         axes.tick_params(labelbottom=not is_covered)
-        axes.set_xlabel("" if is_covered else wrap(panel.x, _PER_INCH * width / columns))
+        axes.set_xlabel(
+            "" if is_covered else wrap(panel.x, _PER_INCH * made.get_figwidth() / columns)
+        )
         label = "" if is_beside else wrap(panel.y, _PER_INCH * heights[row])
         axes.set_ylabel(label, linespacing=1.0)
     made.align_ylabels(grid)
