@@ -61,6 +61,8 @@ def _mistakes(detail: ErrorDetails, whole: Any, model: Any) -> Iterator[Wrong]:
     elif kind == "value_error" and isinstance(raised := context["error"], ArgumentError):
         inner = (int(part) if part.isdecimal() else part for part in raised.path)
         yield Wrong((*path, *inner), raised.message, of_key=raised.at_key)
+    elif kind == "value_error":
+        yield Wrong(path, str(context["error"]))
     elif kind == "extra_forbidden":
         yield Wrong(path, _about_key(path, model, whole), of_key=True)
     elif kind == "missing":
