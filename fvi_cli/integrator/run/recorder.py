@@ -13,7 +13,7 @@ from fvi_cli.integrator.failure import not_finite, why_unsolved
 from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.trajectory import NewtonRecord
-from fvi_cli.mathematics.arrays import Array, Integers, Mask, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 
 WAITING = 256
 """Steps whose points are converted to the coordinates of their scenes together."""
@@ -31,19 +31,26 @@ class Solved(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """Successive points of all scenes; the last axis of times is that of the points."""
+    """Successive points of all scenes."""
 
-    number: Integers  # number of the step before it, from 1; 0: the start
-    time: Array
-    size: Array  # length of that step
-    is_point: Mask  # whether the point is reported; others are kept for polynomials only
+    time: Array  # (n,)
     position: Array  # (scenes, n, d)
     momentum: Array
+    size: Array  # length of the step before it, (n,)
+    is_point: Mask  # whether the point is reported; others are kept for polynomials only
 
     def of(self, rows: slice | Places) -> _Rows:
         """Some of them."""
-        number, time, size, is_point, x, p = self
-        return _Rows(number[rows], time[rows], size[rows], is_point[rows], x[:, rows], p[:, rows])
+        time, x, p, size, is_point = self
+        return _Rows(time[rows], x[:, rows], p[:, rows], size[rows], is_point[rows])
+
+
+class _End(NamedTuple):
+    """Where a scene ends."""
+
+    steps: int  # number of steps up to there
+    points: int  # number of reported points, including the start
+    row: _Rows  # the last point
 
 
 class Recorder:
@@ -65,13 +72,16 @@ class Recorder:
             [[one.momentum(*own, 0.0)] for one, own in zip(engine.scenes, starts, strict=True)]
         )
         none = np.zeros(1)
-        self._rows = self._last = _Rows(none.astype(np.int64), none, none, none == 0.0, x, p)
-        self._kept = [self._rows]
+        start = _Rows(none, x, p, none, none == 0.0)
+        self._last = _End(0, 1, start)
+        # columns in pieces; sizes and masks only where the polynomials need them
+        self._pieces: list[list[Any]] = [[one] for one in start[: 5 if with_steps else 3]]
+        self._columns: list[Any] = []
         self._velocity: list[Array] = []
         self._waiting: list[Solved] = []
         # for some scenes how many of the waiting steps are kept, and why they stop there
         self._stops: dict[int, tuple[int, str]] = {}
-        self._ends: dict[int, _Rows] = {}  # the last points of scenes that have stopped
+        self._ends: dict[int, _End] = {}  # of scenes that have stopped
 
     def count(self, steps: Steps) -> None:
         """Count the iterations of steps, also of such as are rejected."""
@@ -99,24 +109,33 @@ class Recorder:
 
     def flush(self, state: State) -> None:
         """Keep the added steps; members of scenes that stop here are solved no more."""
-        before, rows = self._last, self._last
+        rows = self._last.row
         if self._waiting:
             rows = self._joined()
             # a sum is finite only if all terms are
             if not np.isfinite(rows.position.sum() + rows.momentum.sum()):
                 self._stop_at_infinity(rows)
             keeps_all = self.with_steps or bool(rows.is_point.all())
-            self._kept.append(rows if keeps_all else rows.of(np.flatnonzero(rows.is_point)))
+            kept = rows if keeps_all else rows.of(np.flatnonzero(rows.is_point))
+            for pieces, piece in zip(self._pieces, kept, strict=False):
+                pieces.append(piece)
             if self.with_steps:
                 self._velocity.append(self._velocities())
-            self._last = rows.of(slice(-1, None))
         for scene, (count, words) in self._stops.items():
             if scene not in self.failures:
                 self.failures[scene] = words
-                self._ends[scene] = rows.of(slice(count - 1, count)) if count else before
+                self._ends[scene] = self._end_after(count, rows)
                 members = np.arange(state.live.size) // self._engine.width
                 state.live = state.live & (members != scene)
+        self._last = self._end_after(self._count, rows)
         self._done, self._count, self._waiting, self._stops = self._done + self._count, 0, [], {}
+
+    def _end_after(self, count: int, rows: _Rows) -> _End:
+        """The end after some of the waiting steps."""
+        if not count:
+            return self._last
+        points = self._last.points + int(np.count_nonzero(rows.is_point[:count]))
+        return _End(self._done + count, points, rows.of(slice(count - 1, count)))
 
     def finish(self, state: State, failure: str) -> None:
         """Note that there are no more steps, where `failure` says so since all scenes stop."""
@@ -124,14 +143,12 @@ class Recorder:
             for scene in range(len(self._engine.scenes)):
                 self._stops.setdefault(scene, (self._count, failure))
         self.flush(state)
-        number, time, size, is_point, x, p = zip(*self._kept, strict=True)
-        self._kept.clear()
-        self._rows = _Rows(
-            *(_join(number, 0), _join(time, 0), _join(size, 0), _join(is_point, 0)),
-            *(_join(x, 1), _join(p, 1)),
-        )
+        # pieces of a column are freed when they are joined
+        for axis in (0, 1, 1, 0, 0)[: len(self._pieces)]:
+            self._columns.append(_join(self._pieces.pop(0), axis))
         if self.with_steps:
-            none = np.zeros((len(x[0]), 0, self._engine.tables.points.size, x[0].shape[2]))
+            scenes, _, d = self._last.row.position.shape
+            none = np.zeros((scenes, 0, self._engine.tables.points.size, d))
             self._velocity = [_join(self._velocity or [none], 1)]
 
     def _joined(self) -> _Rows:
@@ -151,7 +168,7 @@ class Recorder:
         self._reported = int(order[-1])
         x, p = self._engine.to_scene(_join(position, 1), _join(momentum, 1))
         is_point &= order % self._every == 0
-        return _Rows(self._done + 1 + index, times, sizes, is_point, x, p)
+        return _Rows(times, x, p, sizes, is_point)
 
     def _velocities(self) -> Array:
         """Velocities at the stages of the waiting steps, shape ``(scenes, n, r, d)``."""
@@ -174,35 +191,35 @@ class Recorder:
 
     def points(self, scene: int) -> tuple[Array, Array, Array]:
         """Times, positions and momenta that are kept of a scene, including its last point."""
-        rows, end = self._rows, self._ends.get(scene, self._last)
-        count = int(np.searchsorted(rows.number, end.number[0], side="right"))
-        chosen: slice | Places = slice(count)
-        if not rows.is_point[:count].all():
-            chosen = np.flatnonzero(rows.is_point[:count])
-        time, position, momentum = rows.time[chosen], rows.position[scene], rows.momentum[scene]
-        position, momentum = position[chosen], momentum[chosen]
-        if rows.number[chosen][-1] != end.number[0]:
-            time = np.append(time, end.time)
-            position = np.concatenate([position, end.position[scene]])
-            momentum = np.concatenate([momentum, end.momentum[scene]])
+        end = self._ends.get(scene, self._last)
+        chosen: slice | Places = slice(end.points)
+        if self.with_steps:
+            is_point = self._columns[4][: end.steps + 1]
+            chosen = slice(is_point.size) if is_point.all() else np.flatnonzero(is_point)
+        time = self._columns[0][chosen]
+        position, momentum = (column[scene][chosen] for column in self._columns[1:3])
+        if not end.row.is_point[0]:
+            time = np.append(time, end.row.time)
+            position = np.concatenate([position, end.row.position[scene]])
+            momentum = np.concatenate([momentum, end.row.momentum[scene]])
         return time, position, momentum
 
     def steps(self, scene: int) -> RunSteps:
         """All steps of a scene as polynomials."""
         count = self.steps_done(scene)
-        rows = self._rows.of(slice(count + 1))
+        time, position, momentum, size, _ = self._columns
         return RunSteps(
             tables=self._engine.tables,
-            time=rows.time,
-            step_size=rows.size[1:],
-            position=rows.position[scene],
-            momentum=rows.momentum[scene],
+            time=time[: count + 1],
+            step_size=size[1 : count + 1],
+            position=position[scene, : count + 1],
+            momentum=momentum[scene, : count + 1],
             velocity=self._velocity[0][scene, :count],
         )
 
     def steps_done(self, scene: int) -> int:
         """Number of steps that a scene did."""
-        return int(self._ends.get(scene, self._last).number[0])
+        return self._ends.get(scene, self._last).steps
 
     def newton(self, scene: int) -> NewtonRecord:
         """Numbers of iterations of a scene."""
