@@ -92,7 +92,7 @@ class DampingAlong:
     def _replay(self, longest: int) -> Iterator[tuple[DampingTables | None, Array, Array, Array]]:
         """Blocks of steps: tables, their inputs, and the states at their beginning.
 
-        States are ``(q, J, e)``, those of a start velocity of 1 ``(1, J, 1)``. The last is the end
+        States are ``(q, J, e)``, those of a start velocity of -1 ``(1, J, 1)``. The last is the end
         of the run, without tables.
         """
         damping, (q, _, i, e) = self.damping, self.inputs.shape

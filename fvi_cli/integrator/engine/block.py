@@ -1,16 +1,15 @@
 r"""A block of B equal steps, a power of 2, as one linear map.
 
-Position x, momentum p and load vectors g of a block determine the *rows* of every step in it: its
-unknowns U, and the changes of position and momentum from the beginning of the block to its end.
-Rows depend on earlier steps of the block only, so the map by load vectors is a Toeplitz matrix, and
-that of fewer steps is a leading part of it.
+The *rows* of a step are its unknowns U, and the changes of position and momentum from the beginning
+of the block to its end. They are linear in its first position x and momentum p, and in load vectors
+g of this and earlier steps: that map is a Toeplitz matrix, whose leading part serves fewer steps.
 
-The map is that of one step, doubled again and again. To invert the equations of the whole block
-would lose digits like (B omega h)^3 where modes are stiff; here the second half of the steps begins
-from its own position.
+The map of one step is doubled again and again: the second half begins from its own position. To
+invert the equations of the whole block would lose digits like (B omega h)^3 where modes are stiff.
 
 In nonlinear scenes remainders are further load vectors, and displacements are measured from the
-beginning of the block: the position there has no effect. ``fold`` maps remainders to the points.
+beginning of the block: the position there has no effect. ``fold`` maps remainders to the *points*,
+their arguments. Letters in shapes are those of ``engine.py``, and w of ``step.py``.
 """
 
 from __future__ import annotations
@@ -52,45 +51,44 @@ class Block:
 
     @cached_property
     def _by_units(self) -> Array:
-        """Rows by units, ``(q, B, (s + 2) e, n)``.
+        """Rows by unit vectors, ``(q, B, (s + 2) e, n)``.
 
-        Units are of position, where it has an effect, of momentum, and of the load vectors of the
-        first step.
+        These are of position (if it has an effect), momentum and load vectors of the first step.
         """
         step, e, s, count = self.step, self.e, self._s, self.frame.count
         q, width = len(step.singular), (s + 3) * e
         unit = np.broadcast_to(np.eye(width), (q, width, width))
         loads = unit[..., 2 * e :].reshape(q, width, s + 1, e)
         u, dx, dp = step.solve(unit[..., :e], unit[..., e : 2 * e], loads)
-        rows = np.concatenate([u.reshape(q, width, -1), dx, dp], axis=2)
-        found = rows.swapaxes(1, 2)[:, None]
-        while found.shape[1] < count:
-            # as many steps again begin where those end
-            gained = found[:, -1, s * e :]
-            begin = found[..., : 2 * e].reshape(q, -1, 2 * e)
-            later = np.matmul(begin, gained + unit[:, : 2 * e])
+        columns = np.concatenate([u.reshape(q, width, -1), dx, dp], axis=2)
+        rows = columns.swapaxes(1, 2)[:, None]
+        while rows.shape[1] < count:
+            # the second half begins where the first one ends
+            change = rows[:, -1, s * e :]
+            by_state = rows[..., : 2 * e].reshape(q, -1, 2 * e)
+            later = np.matmul(by_state, change + unit[:, : 2 * e])
             if self._matrices:
-                later += np.matmul(toeplitz_matrix(found[..., 2 * e :]), self._loads_after(found))
-            later = later.reshape(found.shape)
-            later[:, :, s * e :] += gained[:, None]
-            found = np.concatenate([found, later], axis=1)
-        return found if self._has_position else found[..., e:]
+                later += np.matmul(toeplitz_matrix(rows[..., 2 * e :]), self._loads_after(rows))
+            later = later.reshape(rows.shape)
+            later[:, :, s * e :] += change[:, None]
+            rows = np.concatenate([rows, later], axis=1)
+        return rows if self._has_position else rows[..., e:]
 
-    def _loads_after(self, found: Array) -> Array:
-        """Load vectors of n steps behind n steps with these rows, ``(q, n (s + 1) e, ...)``."""
-        (q, n, _, width), s, e = found.shape, self._s, self.e
-        u = found[:, :, : s * e].reshape(q, n * s, e * width)
+    def _loads_after(self, rows: Array) -> Array:
+        """Load vectors in n steps by n steps before, with these rows, ``(q, n (s + 1) e, ...)``."""
+        (q, n, _, width), s, e = rows.shape, self._s, self.e
+        u = rows[:, :, : s * e].reshape(q, n * s, e * width)
         total = np.zeros((q, n * (s + 1), e, width))
         for table, matrix in zip(self.frame.damp, self._matrices, strict=True):
-            by_past = toeplitz_matrix(table[:, : 2 * n])[:, -n * (s + 1) :, : n * s]
-            total += np.matmul(matrix[:, None], np.matmul(by_past, u).reshape(total.shape))
+            to_later = toeplitz_matrix(table[:, : 2 * n])[:, -n * (s + 1) :, : n * s]
+            total += np.matmul(matrix[:, None], np.matmul(to_later, u).reshape(total.shape))
         return total.reshape(q, -1, width)
 
     @cached_property
     def start(self) -> Array:
         """From position, where it has an effect, and momentum to rows, ``(q, B (s + 2) e, ..)``."""
-        found = self._by_units[..., : -(self._s + 1) * self.e]
-        return np.ascontiguousarray(found).reshape(len(found), -1, found.shape[-1])
+        by_state = self._by_units[..., : -(self._s + 1) * self.e]
+        return np.ascontiguousarray(by_state).reshape(len(by_state), -1, by_state.shape[-1])
 
     @cached_property
     def by_load(self) -> Array:
@@ -117,23 +115,24 @@ class Block:
         From position and momentum ``(q, e)``, the damping force of the past ``(q, count m, e)`` and
         load vectors ``(q, count, s + 1, e)``; None: zero.
         """
-        q, parts, whole = len(p), [p] if x is None else [x, p], None
+        q, vectors, whole = len(p), [p] if x is None else [x, p], None
+        # a force alone needs the smaller matrix by forces; with loads it becomes load vectors
         if force is not None and (loads is not None or self.frame.count == 1):
-            by_force = on_steps(self.frame.to_loads, force.reshape(q, count, -1, self.e))
-            loads = by_force if loads is None else loads + by_force
+            of_force = on_steps(self.frame.to_loads, force.reshape(q, count, -1, self.e))
+            loads = of_force if loads is None else loads + of_force
             force = None
         if self.frame.count == 1:
             if loads is None:
                 loads = np.zeros((q, 1, self._s + 1, self.e))
             return Rows(*self.step.solve(None if x is None else x[:, None], p[:, None], loads))
         whole = self._whole if force is None else self._whole_by_force
-        parts += [one.reshape(q, -1) for one in (force, loads) if one is not None]
-        given = np.concatenate(parts, axis=1)
-        rows, size = count * (self._s + 2) * self.e, given.shape[1]
-        if rows < whole.shape[1] or size < whole.shape[2]:
-            whole = whole[:, :rows, :size]
-        found = apply(whole, given).reshape(q, count, self._s + 2, self.e)
-        return Rows(found[:, :, :-2], found[:, :, -2], found[:, :, -1])
+        vectors += [one.reshape(q, -1) for one in (force, loads) if one is not None]
+        vector = np.concatenate(vectors, axis=1)
+        rows = count * (self._s + 2) * self.e
+        if rows < whole.shape[1] or vector.shape[1] < whole.shape[2]:
+            whole = whole[:, :rows, : vector.shape[1]]
+        by_step = apply(whole, vector).reshape(q, count, self._s + 2, self.e)
+        return Rows(by_step[:, :, :-2], by_step[:, :, -2], by_step[:, :, -1])
 
     @cached_property
     def fold(self) -> Array:
@@ -144,22 +143,23 @@ class Block:
             return np.asarray(frame.points @ (self.step.inverse @ frame.tests_inside))
         rows = self._by_units[..., -(s + 1) * e :]
         q, count = rows.shape[:2]
-        found = np.matmul(frame.points, rows[:, :, : s * e])
-        by_point = found.reshape(q, count, frame.unit.tables.points.size, -1, found.shape[-1])
+        points = np.matmul(frame.points, rows[:, :, : s * e])
+        # a view of the points: displacements are those from the beginning of the block
+        by_point = points.reshape(q, count, frame.unit.tables.points.size, -1, points.shape[-1])
         by_point[:, 1:, :, :e] += rows[:, :-1, None, s * e : (s + 1) * e]
-        return toeplitz_matrix(np.matmul(found, frame.tests))
+        return toeplitz_matrix(np.matmul(points, frame.tests))
 
-    def points_of(self, found: Rows, of: Callable[[Array], Array] = np.positive) -> Array:
+    def points_of(self, rows: Rows, entries: Callable[[Array], Array] = np.positive) -> Array:
         """Displacements, and velocities where these matter, at the points, ``(q, n r w)``.
 
-        With `of` = abs tables have absolute values.
+        `entries` is a function of the entries of the tables: the identity, or the absolute value.
         """
-        u, tables = found.unknowns, self.frame.unit.tables
-        points = self.frame.h * on_steps(of(tables.basis[1:].T), u)
+        u, tables = rows.unknowns, self.frame.unit.tables
+        points = self.frame.h * on_steps(entries(tables.basis[1:].T), u)
         if len(u[0]) > 1:
-            points[:, 1:] += found.dx[:, :-1, None]
+            points[:, 1:] += rows.dx[:, :-1, None]
         if self.frame.unit.has_rates:
-            points = np.concatenate([points, on_steps(of(tables.slopes[1:].T), u)], axis=-1)
+            points = np.concatenate([points, on_steps(entries(tables.slopes[1:].T), u)], axis=-1)
         return points.reshape(len(u), -1)
 
     def loads_of(self, remainders: Array, count: int) -> Array:
@@ -178,7 +178,7 @@ class Block:
         size, rows = count * (self._s + 1) * self.e, count * (self._s + 2) * self.e
         terms = apply(np.abs(self.start[:, :rows, -self.e :]), np.abs(p))
         terms += apply(np.abs(self.by_load[:, :rows, :size]), np.abs(loads).reshape(q, -1))
-        found = terms.reshape(q, count, self._s + 2, self.e)
-        sizes = self.points_of(Rows(found[:, :, :-2], found[:, :, -2], found[:, :, -1]), np.abs)
+        steps = terms.reshape(q, count, self._s + 2, self.e)
+        sizes = self.points_of(Rows(steps[:, :, :-2], steps[:, :, -2], steps[:, :, -1]), np.abs)
         flat = remainders.reshape(q, -1)
         return sizes + apply(np.abs(self.fold[:, : flat.shape[1], : flat.shape[1]]), flat)

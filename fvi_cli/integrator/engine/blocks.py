@@ -1,4 +1,4 @@
-"""How many steps are solved at once, and single steps where a block of them has no solution."""
+"""Choose how many steps are solved at once; take single steps where a block has no solution."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ STEPS_OF_BLOCK = 64
 round-off near order 2. Nonlinear scenes take up to twice as many: 0.72 of the time for a
 pendulum."""
 SIZE_OF_LINEAR, SIZE_OF_NEWTON = 512, 256
-"""Most inputs B i e of a block. Newton's iteration applies a matrix of so many rows and columns
-again and again: with 512 it has 2 MB and takes twice as long where the cache holds less."""
+"""Most inputs B i e of a block (letters as in ``engine.py``). Newton applies a matrix of so many
+rows and columns often: with 512 it has 2 MB, and takes twice as long where the cache holds less."""
 SIZE_IN_BATCH = 24
 """Most inputs where every member has matrices of its own, which must stay in the cache."""
-CACHE = 2**15  # numbers in the matrices of a batch that stay in the cache
+CACHE = 2**15  # most entries, one per member and pair of steps, of matrices that stay in the cache
 LEAST = 4
 """Steps of the shortest block."""
 LINEAR_REUSE, LINEAR_REUSE_IN_BATCH = 0.25, 8.0
-"""Blocks per step of a block that pay for the tables of a linear scene: alone, in a batch."""
+"""Fewest blocks that pay for the tables of a linear scene, over B: alone, in a batch."""
 REUSE, REUSE_IN_BATCH = 4, 32
-"""Blocks that pay for the tables of a nonlinear scene: alone, in a batch."""
+"""Fewest blocks that pay for the tables of a nonlinear scene: alone, in a batch."""
 USUAL_ITERATIONS, EXCESS_ITERATIONS = 4, 150
-"""Usual iterations of a block; so many more, in all blocks, pay for new second derivatives."""
+"""Usual iterations of a block; so many more, summed over blocks, pay for a new linearisation."""
 
 
 def block_length(engine: Engine, total: int) -> int:
@@ -40,15 +40,15 @@ def block_length(engine: Engine, total: int) -> int:
     if is_batch:
         size = 2 * SIZE_IN_BATCH if linear else SIZE_IN_BATCH
     elif engine.q > 1:
-        # modes of one scene: 2 to 20 take .4 to .85 of the time of blocks for batches
+        # modes of one scene: with 2 to 20 this takes .4 to .85 of the time that batches' sizes take
         size = STEPS_OF_BLOCK * (1 if engine.q * STEPS_OF_BLOCK**2 > CACHE else 2)
     inputs *= 2 if engine.law.has_rates and not is_batch else 1
     block = STEPS_OF_BLOCK if linear else 2 * STEPS_OF_BLOCK
     while block > 1 and block * inputs > size:
         block //= 2
     if linear:
-        share = LINEAR_REUSE_IN_BATCH if is_batch else LINEAR_REUSE
-        while block > 1 and share * block * block > total:
+        reuse = LINEAR_REUSE_IN_BATCH if is_batch else LINEAR_REUSE
+        while block > 1 and (reuse * block) * block > total:
             block //= 2
     else:
         reuse = REUSE_IN_BATCH if is_batch else REUSE
@@ -60,7 +60,7 @@ def block_length(engine: Engine, total: int) -> int:
 def advance(
     engine: Engine, state: State, h: float, most: int, block: int, loads: Array | None
 ) -> Steps:
-    """Solve a block of steps, at most `most`; a block that has no solution is done step by step."""
+    """Solve a block of steps, at most `most`; a block without a solution is solved step by step."""
     count = 1 if state.single else min(block, most)
     steps = engine.solve(
         state, h, count, None if loads is None else loads[:, :count], 1 if count == 1 else block

@@ -45,7 +45,7 @@ class Engine:
     """Steps of scenes of one kind, which differ in numbers only.
 
     `shortest_step` and `steps` as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`;
-    `n_steps` for backward differences. `is_single` solves all steps one by one.
+    `n_steps`, which backward differences need. `is_single`: all steps are solved one by one.
     """
 
     def __init__(
@@ -66,13 +66,12 @@ class Engine:
             reach = self.law.reach
         else:
             self.law = law_of(scenes, self.modes)
-        start = [(one.initial_position, one.initial_velocity) for one in scenes]
-        self.x0 = self.member_positions([x for x, _ in start])
+        self.x0 = self.member_positions([one.initial_position for one in scenes])
         self.p0 = self.member_forces(
-            [one.momentum(*own, 0.0) for one, own in zip(scenes, start, strict=True)]
+            [one.momentum(one.initial_position, one.initial_velocity, 0.0) for one in scenes]
         )
         self.q, self.e = self.x0.shape
-        # number of members of a scene
+        # number of members (modes) of each scene
         self.width = 1 if self.modes is None else self.modes[0].batch
         self.damping = damping_of(
             scenes,
@@ -84,7 +83,7 @@ class Engine:
             reach=reach,
         )
         self.n_states = 0 if self.damping is None else self.damping.n_states
-        self._none = np.zeros(self.q, dtype=np.int64)
+        self._no_iterations = np.zeros(self.q, dtype=np.int64)
         self._reach, self.is_single = reach, is_single or isinstance(self.law, Structure)
         self._matrices = []
         if self.damping is not None and not isinstance(self.law, Structure):
@@ -95,7 +94,7 @@ class Engine:
 
     def start(self) -> State:
         """The state at t = 0."""
-        none = np.zeros((self.q, self.e))
+        zero = np.zeros((self.q, self.e))
         z, column = np.zeros((self.q, 0, self.e)), np.zeros((1, 0, 1))
         if self.damping is not None:
             z, column = self.damping.start()
@@ -103,8 +102,8 @@ class Engine:
             t=0.0,
             x=self.x0.copy(),
             p=self.p0.copy(),
-            x_lost=none,
-            p_lost=none,
+            x_lost=zero,
+            p_lost=zero,
             z=z,
             column=column,
             live=np.ones(self.q, dtype=bool),
@@ -149,22 +148,22 @@ class Engine:
         force = self._past(frame, state, count)
         law = self.law
         if isinstance(law, Linear | Structure):
-            own = self.linear_block(h, block)
-            rows = own.solve(state.x, state.p, force, loads, count)
-            return self._steps(frame, state, rows, own.singular, None)
-        known = (
+            linear = self.linear_block(h, block)
+            rows = linear.solve(state.x, state.p, force, loads, count)
+            return self._steps(frame, state, rows, linear.singular, None)
+        given = (
             np.zeros((self.q, count, self.tables.degree + 1, self.e)) if loads is None else loads
         )
         if force is not None:
-            known = known + on_steps(frame.to_loads, force.reshape(self.q, count, -1, self.e))
-        problem = Problem(law=law, t=state.t, x=state.x, p=state.p, loads=known, live=state.live)
+            given = given + on_steps(frame.to_loads, force.reshape(self.q, count, -1, self.e))
+        problem = Problem(law=law, t=state.t, x=state.x, p=state.p, loads=given, live=state.live)
         if block == 1:
             guess = frame.points @ self._guess(law, state, h).reshape(self.q, -1, 1)
-            about = partial(self._about, law, state, frame)
-            found = solve_step(problem, guess[..., 0], about)
+            linearise = partial(self._linearised, law, state, frame)
+            solution = solve_step(problem, guess[..., 0], linearise)
         else:
-            found = solve_block(problem, self._about_beginning(law, state, frame, count))
-        return self._steps(frame, state, found.rows, found.failed, found)
+            solution = solve_block(problem, self._linearised_block(law, state, frame, count))
+        return self._steps(frame, state, solution.rows, solution.failed, solution)
 
     def _past(self, frame: Frame, state: State, count: int) -> Array | None:
         """Force of the past on the first steps of a frame, ``(q, count m, e)``."""
@@ -178,40 +177,40 @@ class Engine:
         local = [one[:, 0] for one in frame.damp]
         return dense_step(frame.unit, at, frame.h, local, self._matrices)
 
-    def _about(self, law: StepLaw, state: State, frame: Frame, points: Array) -> Linearised:
+    def _linearised(self, law: StepLaw, state: State, frame: Frame, points: Array) -> Linearised:
         """The equations of a single step, linearised at points ``(q, r w)``."""
         shape = (self.q, self.tables.points.size, -1)
         times = state.t + frame.h * self.tables.points
-        at, rest = law.expand(state.x, points.reshape(shape), times)
+        at, remainders = law.expand(state.x, points.reshape(shape), times)
         step = self._step(frame, at)
-        return Linearised(at, Block(frame, step, self._matrices, has_position=False), rest)
+        return Linearised(at, Block(frame, step, self._matrices, has_position=False), remainders)
 
-    def _about_beginning(self, law: StepLaw, state: State, frame: Frame, count: int) -> Linearised:
-        """The equations of a block, linearised about a beginning; the last remainder as a guess."""
-        known = state.block
-        if known is None or known.block.frame is not frame:
+    def _linearised_block(self, law: StepLaw, state: State, frame: Frame, count: int) -> Linearised:
+        """A block, linearised at its beginning or an earlier one; the last remainder as a guess."""
+        linearised = state.block
+        if linearised is None or linearised.block.frame is not frame:
             v = law.velocity(state.x, state.p, state.t) if law.has_rates else None
             at = law.linearise(state.x, v, state.t)
             block = Block(frame, self._step(frame, at), self._matrices, has_position=False)
-            known = Linearised(at, block, np.zeros(0))
+            linearised = Linearised(at, block, np.zeros(0))
         width = frame.points.shape[0] // self.tables.points.size
         rest = np.zeros((self.q, count * self.tables.points.size, width))
         if state.rest is not None:
             rest += state.rest[:, None]
-        state.block = known._replace(rest=rest)
+        state.block = linearised._replace(rest=rest)
         return state.block
 
     def _guess(self, law: StepLaw, state: State, h: float) -> Array:
         """A guess of U: by the polynomial of the last step, or else by uniform motion."""
         c = self.tables.control_points[1:]
         if state.unknowns is not None and h <= LONGEST_GUESS * state.h:
-            ahead = _continuation(self.tables.degree, h / state.h)
-            return np.asarray(np.matmul(ahead, state.unknowns))
+            to_next = _continuation(self.tables.degree, h / state.h)
+            return np.asarray(np.matmul(to_next, state.unknowns))
         v = law.velocity(state.x, state.p, state.t)
         return np.asarray(c[:, None] * v[:, None])
 
     def _steps(
-        self, frame: Frame, state: State, rows: Rows, failed: Mask, found: Solution | None
+        self, frame: Frame, state: State, rows: Rows, failed: Mask, solution: Solution | None
     ) -> Steps:
         """Steps from their rows, with the states of the memory after them."""
         u, count = rows.unknowns, rows.unknowns.shape[1]
@@ -233,9 +232,9 @@ class Engine:
             z=z,
             column=column,
             failed=failed,
-            iterations=self._none if found is None else found.iterations,
-            finite=None if found is None else found.finite,
-            rest=None if found is None else found.rest,
+            iterations=self._no_iterations if solution is None else solution.iterations,
+            finite=None if solution is None else solution.finite,
+            rest=None if solution is None else solution.rest,
         )
 
     def accept(self, state: State, steps: Steps, end: float) -> None:
@@ -251,14 +250,14 @@ class Engine:
 
     def loads(self, begin: float, h: float, count: int, *, is_fresh: bool) -> Array | None:
         """Load vectors on equal steps, ``(q, count, s + 1, e)``."""
-        found = [one.of_steps(begin, h, count, is_fresh=is_fresh) for one in self.loads_of]
-        if all(one is None for one in found):
+        by_scene = [one.of_steps(begin, h, count, is_fresh=is_fresh) for one in self.loads_of]
+        if all(one is None for one in by_scene):
             return None
         zero = np.zeros((count, self.tables.degree + 1, self.scenes[0].dimension))
-        return self.member_forces([zero if one is None else one for one in found])
+        return self.member_forces([zero if one is None else one for one in by_scene])
 
     def member_positions(self, values: Sequence[Array] | Array) -> Array:
-        """Positions or velocities of scenes ``(S, ..., d)`` as of members, ``(q, ..., e)``."""
+        """Positions or velocities of S scenes ``(S, ..., d)`` as of members, ``(q, ..., e)``."""
         if self.modes is None:
             return np.array(values)
         return np.concatenate([m.positions(x) for m, x in zip(self.modes, values, strict=True)])
@@ -287,13 +286,13 @@ class Engine:
 
 def _members(matrix: Form) -> Array:
     """A matrix as that of members, ``(q or 1, e, e)``."""
-    found = dense(matrix)
-    return found if found.ndim == 3 else found[None]
+    whole = dense(matrix)
+    return whole if whole.ndim == 3 else whole[None]
 
 
 @lru_cache(maxsize=1024)
 def _continuation(degree: int, ratio: float) -> Array:
-    """From U of a step to U of the next, which is `ratio` times as long, ``(s, s)``."""
+    """From U of a step (increments over h) to U of the next, `ratio` times as long, ``(s, s)``."""
     basis = lobatto_basis(degree)
-    ahead = basis.values(1.0 + ratio * basis.control_points[1:])[1:].T
-    return np.asarray((ahead - np.eye(degree)[-1]) / ratio)
+    values = basis.values(1.0 + ratio * basis.control_points[1:])[1:].T
+    return np.asarray((values - np.eye(degree)[-1]) / ratio)

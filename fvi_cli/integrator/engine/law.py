@@ -41,8 +41,8 @@ class Linearisation(NamedTuple):
     def terms_of(self, origin: Array, points: Array) -> Array:
         r"""Sizes of terms that cancel in remainders at points, ``(q, n, e)`` or ``(q, n, 2 e)``.
 
-        They are :math:`|M||v| + |C|(|x| + |\Delta|)` and :math:`|K|(|x| + |\Delta|) + |C|^T|v|`:
-        positions are rounded before any formula sees them.
+        They are :math:`|M||v| + |C|(|x| + |\Delta|)` and :math:`|K|(|x| + |\Delta|) + |C|^T|v|`,
+        with x the `origin`: formulas are evaluated at the rounded position :math:`x + \Delta`.
         """
         e = origin.shape[-1]
         sizes = np.abs(points)
@@ -84,9 +84,10 @@ class StepLaw(Protocol):
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
     ) -> Array:
-        """Remainders ``(q, n, e)`` or ``(q, n, 2 e)`` at points that remainders `before` led to.
+        """Remainders ``(q, n, e)`` or ``(q, n, 2 e)`` at points.
 
-        `origin` is the position at the beginning of the steps, ``(q, e)``.
+        `before` are the remainders from which Newton's iteration computed these points; `origin`,
+        ``(q, e)``, is the position at the beginning of the steps.
         """
 
 
@@ -122,31 +123,31 @@ class Separable:
     """
 
     mass: Array  # (q, e, e)
-    # potential of one member, for its programs; functions of a user include their stiffness
+    # potential of one member, for its formulas; functions of a user include their stiffness
     formulas: ExpressionPotential | SuppliedPotential
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
     stiffness: Array | None = None  # (q, e, e)
     is_linear, has_rates = False, False
 
     def __post_init__(self) -> None:
-        own = self.formulas
-        if isinstance(own, SuppliedPotential):
-            self._gradient: Callable[[Array], Array] = own.gradient
+        one, values = self.formulas, self.parameters
+        if isinstance(one, SuppliedPotential):
+            self._gradient: Callable[[Array], Array] = one.gradient
             return
-        self._gradient = PointFormulas(own.gradient_system, own.coordinates, self.parameters)
-        self._both = PointFormulas(own.derivatives_system, own.coordinates, self.parameters)
+        self._gradient = PointFormulas(one.gradient_system, one.coordinates, values)
+        self._both = PointFormulas(one.derivatives_system, one.coordinates, values)
 
     def _derivatives(self, x: Array) -> tuple[Array, Array]:
         """Gradient and second derivatives at ``(q, n, e)``.
 
-        Second derivatives are zero for members where they are not finite.
+        Members whose second derivatives are not all finite have zeros for them.
         """
-        e, own = x.shape[-1], self.formulas
-        if isinstance(own, SuppliedPotential):
-            first, second = own.gradient(x), own.hessian(x)
+        e, potential = x.shape[-1], self.formulas
+        if isinstance(potential, SuppliedPotential):
+            first, second = potential.gradient(x), potential.hessian(x)
         else:
-            found = self._both(x)
-            first, second = found[..., :e], found[..., e:].reshape(*x.shape, e)
+            values = self._both(x)
+            first, second = values[..., :e], values[..., e:].reshape(*x.shape, e)
         if self.stiffness is not None:
             first = first + force_of(self.stiffness, x)
             second = second + self.stiffness[:, None]
@@ -185,16 +186,16 @@ class Separable:
 class General:
     """Any L(q, v, t) with the same formulas for all members."""
 
-    lagrangian: Lagrangian  # one of the members, for its programs
+    lagrangian: Lagrangian  # that of one member, for its formulas
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
     # matrices whose quadratic forms are subtracted from L, (q, e, e); None: there are none
     stiffness: Array | None = None
     is_linear, has_rates = False, True
 
     def __post_init__(self) -> None:
-        own = self.lagrangian
-        self._first = PointFormulas(own.first, own.variables, self.parameters)
-        self._second = PointFormulas(own.second, own.variables, self.parameters)
+        one, values = self.lagrangian, self.parameters
+        self._first = PointFormulas(one.first, one.variables, values)
+        self._second = PointFormulas(one.second, one.variables, values)
 
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """The velocity by Newton's iteration, for every member by itself."""
@@ -203,9 +204,9 @@ class General:
         def mismatch(v: Array) -> tuple[Array, Array, Array]:
             values = self._second(x[:, None], v[:, None], np.full((1, 1), t))[:, 0]
             mass = values[:, 2 * e : 2 * e + e * e].reshape(-1, e, e)
-            own = values[:, :e]
-            terms = apply(np.abs(mass), np.abs(v)) + np.abs(p) + np.abs(own)
-            return own - p, mass, terms
+            momentum = values[:, :e]
+            terms = apply(np.abs(mass), np.abs(v)) + np.abs(p) + np.abs(momentum)
+            return momentum - p, mass, terms
 
         v, found, _ = find_roots(mismatch, np.zeros_like(p))
         return np.where(found[:, None], v, np.nan)
@@ -220,7 +221,7 @@ class General:
         return first, second
 
     def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """The second derivatives of L without the mixed ones."""
+        """The second derivatives of L, without C: :meth:`remainder` corrects velocities instead."""
         if v is None:
             raise ValueError("velocities: they are needed for a general Lagrangian")
         second = self._derivatives(x[:, None], v[:, None], t)[1][:, 0]
@@ -239,25 +240,24 @@ class General:
         mass, mixed, stiffness = at
         e = points.shape[-1] // 2
         displacement, v = points[..., :e, None], points[..., e:, None]
-        found = first.copy()
+        remainders = first.copy()
         if mixed is None:
             raise ValueError("mixed: second derivatives at points have mixed ones")
-        found[..., :e] -= (np.matmul(mass, v) + np.matmul(mixed, displacement))[..., 0]
-        turned = np.matmul(mixed.swapaxes(2, 3), v)
-        found[..., e:] += (np.matmul(stiffness, displacement) - turned)[..., 0]
-        return found
+        remainders[..., :e] -= (np.matmul(mass, v) + np.matmul(mixed, displacement))[..., 0]
+        by_velocity = np.matmul(mixed.swapaxes(2, 3), v)
+        remainders[..., e:] += (np.matmul(stiffness, displacement) - by_velocity)[..., 0]
+        return remainders
 
     def remainder(
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
     ) -> Array:
         """Remainders of momenta and of forces in one array.
 
-        With second derivatives at every point this is Newton's iteration. With one set
-        for all points the velocities are first corrected to match the momenta: a mass that is not
-        constant would slow the iteration down otherwise.
+        With second derivatives at every point this is Newton's iteration. With one set for all
+        points velocities are first corrected to match the momenta of the equations, M v and the
+        remainders before: a mass that is not constant would slow the iteration down otherwise.
         """
-        mass, mixed, stiffness = at
-        e = origin.shape[-1]
+        (mass, mixed, stiffness), e = at, origin.shape[-1]
         displacement, v = points[..., :e], points[..., e:]
         x = origin[:, None] + displacement
         if mixed is not None:
@@ -266,13 +266,13 @@ class General:
                 first[..., e:] -= force_of(self.stiffness, x)
             return self._rest_of(at, points, first)
         first, second = self._derivatives(x, v, t)
-        known = np.matmul(v, mass) + before[..., :e]
-        own, cross = second[..., 0, :, :], second[..., 1, :, :]
-        change = np.linalg.solve(own, (known - first[..., :e])[..., None])[..., 0]
-        force = first[..., e:] + np.matmul(change[..., None, :], cross)[..., 0, :]
+        momentum = np.matmul(v, mass) + before[..., :e]
+        by_v, by_q = second[..., 0, :, :], second[..., 1, :, :]
+        change = np.linalg.solve(by_v, (momentum - first[..., :e])[..., None])[..., 0]
+        force = first[..., e:] + np.matmul(change[..., None, :], by_q)[..., 0, :]
         return np.concatenate(
             [
-                known - np.matmul(v + change, mass),
+                momentum - np.matmul(v + change, mass),
                 force + np.matmul(displacement, stiffness),
             ],
             axis=-1,
@@ -281,9 +281,9 @@ class General:
 
 def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
     """Coordinates in which linear scenes are decoupled; None if one of them has none."""
-    found = [linear_decoupling(one) for one in scenes]
-    known = [one for one in found if one is not None]
-    return known if len(known) == len(found) else None
+    by_scene = [linear_decoupling(one) for one in scenes]
+    known = [one for one in by_scene if one is not None]
+    return known if len(known) == len(by_scene) else None
 
 
 def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepLaw | Linear:
@@ -305,8 +305,8 @@ def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepL
         )
     potentials = [one.potential for one in scenes]
     masses = np.array([one.inertia.mass for one in scenes])
-    if isinstance(own := potentials[0], SuppliedPotential):
-        return Separable(mass=masses, formulas=own, parameters={})
+    if isinstance(supplied := potentials[0], SuppliedPotential):
+        return Separable(mass=masses, formulas=supplied, parameters={})
     known = [one for one in potentials if isinstance(one, ExpressionPotential)]
     if len(known) != len(potentials):
         raise ValueError("scenes: all must be of one kind")

@@ -2,7 +2,7 @@ r"""Newton's iteration on a single step or a block of steps, for all members at 
 
 With second derivatives that are fixed, the points of the steps are
 ``begin + fold . remainder(points)``. A single step has second derivatives at every point, which are
-computed again where the iteration is slow; where it diverges, shorter steps of Newton lead to the
+computed again where the iteration is slow; where it diverges, shorter steps of Newton find the
 root, or the step fails. A block has one linearisation for all points, and fails where its iteration
 does not contract.
 """
@@ -29,7 +29,7 @@ from fvi_cli.mathematics.convergence import (
     find_roots,
 )
 
-HALF_THE_DIGITS = UNIT**0.5  # relative changes above this are no round-off
+HALF_THE_DIGITS = UNIT**0.5  # larger relative changes that fall are progress, not round-off
 
 
 class Linearised(NamedTuple):
@@ -118,60 +118,60 @@ def _iterate(
     """
     (at, block, rest), q, (begin, fold) = linearised, len(points), to_points
     shape, last = rest.shape, None
-    going, failed, rescued = problem.live, np.zeros(q, dtype=bool), np.zeros(q, dtype=bool)
+    iterating, failed, rescued = problem.live, np.zeros(q, dtype=bool), np.zeros(q, dtype=bool)
     iterations = np.zeros(q, dtype=np.int64)
     for _ in range(ITERATIONS):
-        moved = begin + apply(fold, rest.reshape(q, -1))
-        change = largest(np.abs(moved - points).reshape(shape))
-        scale = largest(np.abs(moved).reshape(shape))
-        points = moved
-        iterations += going
-        # the first change is the distance of the guess
+        new_points = begin + apply(fold, rest.reshape(q, -1))
+        change = largest(np.abs(new_points - points).reshape(shape))
+        scale = largest(np.abs(new_points).reshape(shape))
+        points = new_points
+        iterations += iterating
+        # the first change has none before it: it is the distance of the guess
         last = change / SLOW if last is None else last
         # the next change would be change^2 / last
-        good = change * change <= NEGLIGIBLE * scale * last
-        slow = ~(good | (change <= SLOW * last))
-        stuck = going & np.logical_or.reduce(slow, axis=1)
+        converged = change * change <= NEGLIGIBLE * scale * last
+        slow = ~(converged | (change <= SLOW * last))
+        stuck = iterating & np.logical_or.reduce(slow, axis=1)
         if np.count_nonzero(stuck):
-            share = 1.0 / np.maximum(scale, SMALLEST)
-            now = (share * change).max(axis=1)
-            rises = ~(now < (share * last).max(axis=1))
+            per_scale = 1.0 / np.maximum(scale, SMALLEST)
+            worst = (per_scale * change).max(axis=1)
+            rises = ~(worst < (per_scale * last).max(axis=1))
             # large changes that fall are no round-off
-            if (stuck & (rises | (now < HALF_THE_DIGITS))).any():
+            if (stuck & (rises | (worst < HALF_THE_DIGITS))).any():
                 terms = np.abs(rest) + at.terms_of(problem.x, points.reshape(shape))
                 terms = block.round_off(problem.p, problem.loads, terms) + np.abs(points)
-                good |= slow & (change <= NOISE * UNIT * largest(terms.reshape(shape)))
-                stuck &= (slow & ~good).any(axis=1)
+                converged |= slow & (change <= NOISE * UNIT * largest(terms.reshape(shape)))
+                stuck &= (slow & ~converged).any(axis=1)
             rises &= stuck
         last = change
-        going = going & ~np.logical_and.reduce(good, axis=1)
+        iterating = iterating & ~np.logical_and.reduce(converged, axis=1)
         if np.count_nonzero(stuck):
             lost = rises
             if linearise is not None:
                 lost = rises & rescued
-                if (fresh := rises & ~rescued).any():
-                    points, found = _by_shorter_steps(problem, block, points, fresh, linearise)
-                    lost |= fresh & ~found
-                    rescued |= fresh
+                if (rescue := rises & ~rescued).any():
+                    points, is_root = _by_shorter_steps(problem, block, points, rescue, linearise)
+                    lost |= rescue & ~is_root
+                    rescued |= rescue
                 (at, block, rest), last = linearise(points), None
                 begin, fold = _map_of(problem, block)
             failed |= lost
-            going &= ~lost
-        if not np.count_nonzero(going):
+            iterating &= ~lost
+        if not np.count_nonzero(iterating):
             break
         if last is not None:
             rest = problem.remainder(at, block, points, rest)
     finite = np.asarray(np.isfinite(change).all(axis=1))
-    return Solution(problem.rows(block, rest), rest, iterations, failed | going, finite)
+    return Solution(problem.rows(block, rest), rest, iterations, failed | iterating, finite)
 
 
 def _by_shorter_steps(
     problem: Problem, block: Block, points: Array, members: Mask, linearise: Linearise
 ) -> tuple[Array, Mask]:
-    """Points of some members at the root that shorter steps find from uniform motion on.
+    """Points of some members at a root, by shorter steps of Newton from uniform motion on.
 
-    The corrections must fall, each by derivatives of its own: a step that only goes downhill may
-    lead over an infinite motion, to a solution behind it.
+    Corrections must fall (:func:`find_roots`): steps that only reduce the residual may jump over a
+    singularity of the motion, to a root beyond it.
     """
     (q, e), c = problem.x.shape, block.frame.unit.tables.control_points[1:]
     identity = np.broadcast_to(np.eye(c.size * e), (q, c.size * e, c.size * e))
@@ -181,8 +181,8 @@ def _by_shorter_steps(
         return block.points_of(Rows(u.reshape(q, 1, -1, e), none, none))
 
     def evaluate(u: Array) -> tuple[Array, Array, Array]:
-        _, own, rest = linearise(points_of(u))
-        residual = u - problem.rows(own, rest).unknowns.reshape(q, -1)
+        step = linearise(points_of(u))
+        residual = u - problem.rows(step.block, step.rest).unknowns.reshape(q, -1)
         residual[~members] = np.nan
         return residual, identity, np.abs(u)
 

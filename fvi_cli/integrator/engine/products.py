@@ -34,8 +34,8 @@ def on_points(table: Array, matrices: Array, rows: int) -> Array:
     q, _, e, _ = matrices.shape
     if e == 1:
         return np.asarray((matrices.reshape(q, 1, r) @ table).reshape(q, rows, columns))
-    found = (matrices.transpose(0, 2, 3, 1) @ table).reshape(q, e, e, rows, columns)
-    return np.asarray(found.transpose(0, 3, 1, 4, 2).reshape(q, rows * e, columns * e))
+    entries = (matrices.transpose(0, 2, 3, 1) @ table).reshape(q, e, e, rows, columns)
+    return np.asarray(entries.transpose(0, 3, 1, 4, 2).reshape(q, rows * e, columns * e))
 
 
 def on_steps(table: Array, values: Array) -> Array:

@@ -1,18 +1,19 @@
 r"""The equations of one step, solved for any number of cases at once.
 
 With the unknowns :math:`U_\nu` of a step, :math:`x(t_n + \tau h) = x_n + h \sum_\nu l_\nu(\tau)
-U_\nu`, the momentum P and the force Q of the law at the quadrature points, the damping force F at
-its samples, and load vectors g, the equations are, for :math:`\nu = 0, \dots, s`,
+U_\nu`, P and Q of the law (``law.py``) at the quadrature points :math:`c_i`, the damping force F at
+its samples :math:`\chi_i`, and load vectors g, the equations are, for :math:`\nu = 0, \dots, s`,
 
 .. math:: \sum_i b_i (l_\nu'(c_i) P_i + h l_\nu(c_i) Q_i) - h \sum_i \beta_i l_\nu(\chi_i) F_i
           + g_\nu = p_{n+1} \delta_{\nu s} - p_n \delta_{\nu 0} .
 
 The rows :math:`\nu < s` determine U; the sum of all rows is the change of the momentum. The law is
-linearised, :math:`P = M v + C \Delta`, :math:`Q = C^T v - K \Delta`: what a law adds to that, and
-what the position :math:`x_n` and earlier steps cause, are load vectors.
+linearised, :math:`P = M v + C \Delta`, :math:`Q = C^T v - K \Delta`: its remainders, and the
+effects of the position :math:`x_n` and of earlier steps, are load vectors.
 
-Letters in shapes: q members (1 where all share a table), n cases, s unknowns of a step (the degree)
-for each of e components, r quadrature points, w numbers of a remainder at a point.
+A *direction* of the damping is a matrix and all terms with multiples of it. Letters in shapes: q
+members (1 where all share a table), n cases, s unknowns of a step (the degree) for each of e
+components, r quadrature points, w = e or 2 e numbers of a remainder at a point.
 """
 
 from __future__ import annotations
@@ -49,24 +50,24 @@ class UnitTables:
         t = self.tables
         rate, test = (t.weights * t.slopes)[:-1], t.test_weights[:-1]
         v, x = t.slopes[1:].T, t.basis[1:].T
-        found = [
+        tables = [
             np.einsum("ni,im->inm", a, b).reshape(t.points.size, -1)
             for a, b in ((rate, v), (rate, x), (test, v), (test, x))
         ]
-        return found[0], found[1], found[2], found[3]
+        return tables[0], tables[1], tables[2], tables[3]
 
     @cached_property
     def sums(self) -> tuple[Array, Array]:
-        """From second derivatives by q and v, and q and q, to the whole force, ``(r, s)`` each."""
+        """From second derivatives by q and v, and q and q, to the impulse of Q, ``(r, s)`` each."""
         weights = self.tables.weights[:, None]
         return weights * self.tables.slopes[1:].T, weights * self.tables.basis[1:].T
 
     @cached_property
     def rate_test(self) -> Array:
-        """From momenta at the points to load vectors, ``(s + 1, r)``: they change no momentum."""
-        found = self.tables.weights * self.tables.slopes
-        found[-1] = -found[:-1].sum(axis=0)
-        return found
+        """From P at the points to load vectors, ``(s + 1, r)``: their sum, the impulse, is zero."""
+        table = self.tables.weights * self.tables.slopes
+        table[-1] = -table[:-1].sum(axis=0)
+        return table
 
     @cached_property
     def points(self) -> tuple[Array, Array]:
@@ -146,7 +147,7 @@ class DenseStep:
 
     h: float | Array  # length, (q, 1, 1) where members have steps of their own
     inverse: Array  # of the matrix of the equations, (q, s e, s e); nan where it has none
-    impulse: Array  # from U to the momentum gained, (q, e, s e)
+    impulse: Array  # from U to the change of the momentum by forces, (q, e, s e)
     by_position: Array  # from position to load vectors, (q, (s + 1) e, e)
     singular: Mask
 
@@ -172,10 +173,9 @@ def dense_step(
 ) -> DenseStep:
     """Solve the equations of one step.
 
-    h is the step's length, ``(q, 1, 1)`` if members have steps of their own. For every direction of
-    the damping, `damp` has the table from U to load vectors of the step, ``(q or 1, s + 1, s)``,
-    and `matrices` its matrix, ``(q, e, e)``. Second derivatives are the same at all points of a
-    step, ``(q, e, e)``, or ``(q, r, e, e)``.
+    h is the length, ``(q, 1, 1)`` if members have their own. For every direction of the damping,
+    `damp` has the table from U to load vectors of the step, ``(q or 1, s + 1, s)``, and `matrices`
+    has its matrix, ``(q, e, e)``. Second derivatives are those of :class:`Linearisation`.
     """
     m, c, k = at
     s, t = unit.tables.degree, unit.tables
@@ -185,9 +185,9 @@ def dense_step(
     impulse = -h * h * on_points(whole, k, 1)
     by_position = -h * on_points(t.test_weights.T, k, s + 1)
     if c is not None:
-        turned = c.swapaxes(-1, -2)
-        matrix = matrix + h * (on_points(by_mixed, c, s) + on_points(by_transposed, turned, s))
-        impulse = impulse + h * on_points(whole_rate, turned, 1)
+        transposed = c.swapaxes(-1, -2)
+        matrix = matrix + h * (on_points(by_mixed, c, s) + on_points(by_transposed, transposed, s))
+        impulse = impulse + h * on_points(whole_rate, transposed, 1)
         by_position = by_position + on_points(unit.rate_test.T, c, s + 1)
     for table, direction in zip(damp, matrices, strict=True):
         matrix = matrix + on_components(table[:, :-1], direction)

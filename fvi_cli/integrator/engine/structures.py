@@ -3,7 +3,7 @@ r"""Large linear scenes: single steps by one factorisation for each step size.
 Their matrices are dense or sparse, and the memory stores only what dampers act on. The matrix of a
 step is a sum of Kronecker products of small matrices of the method and large ones of the scene. In
 the eigenvectors in which all small ones are diagonal it decouples into complex equations of the
-size of the scene, half of them the conjugates of the others.
+size of the scene. Of a conjugate pair one is solved.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 LARGEST_DENSE, LEAST_BLOCK = 1024, 4
 """A scene is large if its shortest block, of 4 steps, has more inputs than 1024."""
-LARGEST_OFF_DIAGONAL = 1e-12  # relative to the largest entry
+LARGEST_OFF_DIAGONAL = 1e-12  # most round-off beside a diagonal, relative to the largest entry
 
 Product = tuple[Array, Form]
 """A small matrix ``(s, s)`` of the method and a large one ``(d, d)`` of the scene."""
@@ -73,7 +73,7 @@ class StructureStep:
         s, h = unit.tables.degree, frame.h
         mass, stiff = (pairs.sum(axis=0).reshape(s, s) for pairs in (unit.pairs[0], unit.pairs[3]))
         products: list[Product] = [(mass, law.mass)]
-        # from U to the momentum gained
+        # from U to the change of the momentum by forces
         self._impulses: list[Product] = []
         if law.stiffness is not None:
             products.append((-h * h * stiff, law.stiffness))
@@ -82,7 +82,7 @@ class StructureStep:
             matrix = law.matrix_of(one)
             products.append((table[0, 0, :-1], matrix))
             self._impulses.append((table[0, 0].sum(axis=0), matrix))
-        self._by_spring = -h * unit.tables.test_weights.sum(axis=1)
+        self._by_position = -h * unit.tables.test_weights.sum(axis=1)
         self.singular = np.zeros(1, dtype=bool)
         try:
             self._solve = solver_of(products)
@@ -93,7 +93,7 @@ class StructureStep:
     def solve(self, x: Array | None, p: Array, loads: Array) -> tuple[Array, Array, Array]:
         """As :meth:`fvi_cli.integrator.engine.step.Step.solve`, for one case."""
         if x is not None and self._stiffness is not None:
-            loads = loads + self._by_spring[:, None] * times(x[0], self._stiffness)
+            loads = loads + self._by_position[:, None] * times(x[0], self._stiffness)
         right = -loads[0, 0, :-1]
         right[0] -= p[0, 0]
         u = self._solve(right)
@@ -111,28 +111,28 @@ def solver_of(products: Sequence[Product]) -> Solve:
     numpy.linalg.LinAlgError
         If the matrix is singular.
     """
-    first, large = np.linalg.inv(products[0][0]), [one for _, one in products]
-    quotients = [first @ small for small, _ in products]
+    inverse, large = np.linalg.inv(products[0][0]), [one for _, one in products]
+    quotients = [inverse @ small for small, _ in products]
     values, vectors = np.linalg.eig(quotients[-1])
-    back = np.linalg.inv(vectors)
-    turned = [back @ one @ vectors for one in quotients]
-    diagonals = [np.diagonal(one) for one in turned]
-    if any(_is_coupled(one) for one in turned):
+    to_modes = np.linalg.inv(vectors)
+    in_modes = [to_modes @ one @ vectors for one in quotients]
+    diagonals = [np.diagonal(one) for one in in_modes]
+    if any(_is_coupled(one) for one in in_modes):
         return _solver_of_all_stages(products)
-    chosen = np.flatnonzero(values.imag >= 0)
-    into = (back @ first)[chosen]
-    outof = vectors[:, chosen] * np.where(values[chosen].imag > 0, 2.0, 1.0)
-    solvers = [_factorised([one[k] for one in diagonals], large) for k in chosen]
+    kept = np.flatnonzero(values.imag >= 0)  # twice the real part stands for a conjugate pair
+    to_kept = (to_modes @ inverse)[kept]
+    from_kept = vectors[:, kept] * np.where(values[kept].imag > 0, 2.0, 1.0)
+    solvers = [_factorised([one[k] for one in diagonals], large) for k in kept]
 
     def solve_once(right: Array) -> Array:
-        found = [one(row) for one, row in zip(solvers, into @ right, strict=True)]
-        return np.asarray((outof @ np.stack(found)).real)
+        solution = [one(row) for one, row in zip(solvers, to_kept @ right, strict=True)]
+        return np.asarray((from_kept @ np.stack(solution)).real)
 
     def solve(right: Array) -> Array:
-        found = solve_once(right)
-        left = right - sum(small @ times(found, one) for small, one in products)
+        solution = solve_once(right)
+        residual = right - sum(small @ times(solution, one) for small, one in products)
         # eigenvectors of many stages lose digits, which one refinement recovers
-        return np.asarray(found + solve_once(left))
+        return np.asarray(solution + solve_once(residual))
 
     return solve
 

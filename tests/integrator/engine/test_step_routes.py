@@ -111,7 +111,7 @@ def test_recurrences_keep_what_near_lags_cause(bdf_order, degree, terms):
     loads = engine.loads(0.0, h, n, is_fresh=True)
     state, other = engine.start(), engine.start()
     made = Recurrence(engine, h, 64)
-    assert len(made._seen) < engine.n_states
+    assert len(made._to_w) < engine.n_states
     x, p, u = made.run(state, 80, loads, with_unknowns=True)
     for k in range(80):
         steps = engine.solve(other, h, 64, loads[:, 64 * k : 64 * k + 64], 64)
