@@ -67,7 +67,7 @@ class DampingAlong:
             if tables is not None:
                 count = tables.kernels.count
                 force = damping.past(tables, states, column, count)
-                force = force + damping.own(tables, driven, count)
+                force = force + damping.present(tables, driven, count)
                 found.append(force.reshape(q, count, -1, e))
         total = np.concatenate(found, axis=1)
         return total if self.reach is None else self.reach.spread(total)

@@ -1,10 +1,10 @@
 r"""The damping force of q members on blocks of equal steps, from states that stand for the past.
 
 A Caputo derivative of order above 1 acts on the velocity minus its start :math:`v_0`. So all
-members share one more column, the states and the force of a start velocity of -1, of which the
-terms that subtract get :math:`v_0` times. With Runge-Kutta methods whose terms all subtract, states
-that begin with :math:`v_0` are those of the velocity itself: then the column is constant, -1, and
-cancels the response to a constant velocity to the last digit.
+members share one more *column*, the states of a constant velocity of -1: terms that subtract act on
+the states plus the column times :math:`v_0`. With Runge-Kutta methods whose terms all subtract the
+states begin with :math:`v_0` itself, as after a long motion at this velocity: then the column is
+always -1, and cancels the response to a constant velocity to the last digit.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.arrays import Array
 
 Pattern = tuple[tuple[tuple[int, ...], bool], ...]
-"""For each direction the places of its terms among a scene's active forces; whether it is relative.
+"""Of each direction the places of its terms in the active forces of a scene, and if it is relative.
 
 Relative terms subtract the start velocity: Caputo derivatives of order above 1.
 """
@@ -48,8 +48,8 @@ class DampingTables:
     kernels: Kernels  # tables of the memory
     # for every direction, from inputs to forces: lag sequences (q or 1, B, m, i)
     sequences: tuple[Array, ...]
-    # for every direction the force in the steps by a start velocity of 1 that is subtracted in
-    # them, (q or 1, B m); None where none is
+    # for every direction the force that a velocity of -1 in these steps causes in them,
+    # (q or 1, B m); None where no start velocity is subtracted
     offsets: tuple[Array | None, ...]
 
     @cached_property
@@ -88,11 +88,11 @@ class Damping:
     def tables(self, h: float, count: int) -> DampingTables:
         """Tables of `count` steps of length h."""
         kernels = self.memory.kernels(h, count)
-        every, column = kernels.sequence, self.memory.column
-        sequences = tuple(one.combine(every) for one in self.combinations)
+        lags_of_terms, column = kernels.sequence, self.memory.column
+        sequences = tuple(one.combine(lags_of_terms) for one in self.combinations)
         offsets = tuple(
-            np.cumsum(own @ column, axis=1).reshape(len(own), -1) if one.is_relative else None
-            for own, one in zip(sequences, self.combinations, strict=True)
+            np.cumsum(lags @ column, axis=1).reshape(len(lags), -1) if one.is_relative else None
+            for lags, one in zip(sequences, self.combinations, strict=True)
         )
         return DampingTables(kernels=kernels, sequences=sequences, offsets=offsets)
 
@@ -100,8 +100,8 @@ class Damping:
     def operations_per_step(self) -> int:
         """Multiply-adds of the memory of a member in a step: for the force and the new states."""
         columns = self.start_velocity.shape[2] + (1 if self.has_column else 0)
-        remembering = sum(self.memory.remembers(one.places) for one in self.combinations)
-        return int(columns * self.memory.operations_per_step(remembering))
+        directions = sum(self.memory.remembers(one.places) for one in self.combinations)
+        return int(columns * self.memory.operations_per_step(directions))
 
     def start(self) -> tuple[Array, Array]:
         """States at t = 0, of the members ``(q, J, e)`` and of the column ``(1, J, 1)``."""
@@ -125,8 +125,8 @@ class Damping:
         """
         chosen = slice(None) if direction is None else slice(direction, direction + 1)
         combinations = self.combinations[chosen]
-        own = self._acted_on(states, column)[chosen]
-        force = tables.kernels.past(own, combinations, count)
+        acted = self._acted_on(states, column)[chosen]
+        force = tables.kernels.past(acted, combinations, count)
         for offset, one in zip(tables.offsets[chosen], combinations, strict=True):
             if offset is not None:
                 start = along(self.start_velocity, one.matrix)
@@ -138,7 +138,7 @@ class Damping:
         moved = states + column * self.start_velocity if self.is_relative else states
         return [moved if one.is_relative else states for one in self.combinations]
 
-    def own(
+    def present(
         self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
     ) -> Array:
         """Force of the inputs of the first `count` steps on these steps, ``(q, count m, e)``.
@@ -163,11 +163,11 @@ class Damping:
         """
         if not isinstance(self.memory, Exponentials):
             return None
-        by_term, found = self.memory.energy_weights, []
+        by_term, energies = self.memory.energy_weights, []
         for acted, one in zip(self._acted_on(states, column), self.combinations, strict=True):
             squares = (acted * along(acted, one.matrix)).sum(axis=-1)
-            found.append(0.5 * (one.combine(by_term) * squares).sum(axis=-1))
-        return np.array(found)
+            energies.append(0.5 * (one.combine(by_term) * squares).sum(axis=-1))
+        return np.array(energies)
 
     def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
         """States of the column after the first `count` steps, ``(1, J, 1)``."""
@@ -190,9 +190,9 @@ class Damping:
 
     def at_rest(self) -> Damping:
         """The damping with a start velocity of zero."""
-        part = copy.copy(self)
-        part.start_velocity = np.zeros_like(self.start_velocity)
-        return part
+        damping = copy.copy(self)
+        damping.start_velocity = np.zeros_like(self.start_velocity)
+        return damping
 
 
 def damping_of(
@@ -217,12 +217,12 @@ def damping_of(
     ValueError
         For backward differences without a number of steps.
     """
-    pattern, every = pattern_of(scenes[0]), [one.active_forces for one in scenes]
+    pattern, forces = pattern_of(scenes[0]), [one.active_forces for one in scenes]
     if not pattern:
         return None
-    # terms of every member in every direction
-    rows = [[tuple(_term(own[k]) for k in places) for own in every] for places, _ in pattern]
-    terms = tuple(dict.fromkeys(term for row in rows for own in row for term in own))
+    # for every direction and scene its terms
+    rows = [[tuple(_term(one[k]) for k in places) for one in forces] for places, _ in pattern]
+    terms = tuple(dict.fromkeys(term for row in rows for one in row for term in one))
     final_time = scenes[0].final_time
     memory: Exponentials | Lags
     if method.is_runge_kutta:
@@ -234,23 +234,23 @@ def damping_of(
     else:
         memory = Lags(method, terms, n_steps=n_steps, final_time=final_time)
     combinations = []
-    for own_rows, (places, is_relative) in zip(rows, pattern, strict=True):
-        first = [_matrix(own[places[0]], reach) for own in every]
-        matrix = first[0]
-        if reach is None and not is_sparse(every[0][places[0]].form):
-            found = [dense(one) for one in first]
+    for terms_of_scenes, (places, is_relative) in zip(rows, pattern, strict=True):
+        matrices = [_matrix(one[places[0]], reach) for one in forces]
+        matrix = matrices[0]
+        if reach is None and not is_sparse(forces[0][places[0]].form):
+            whole = [dense(one) for one in matrices]
             if modes is not None:
-                found = [
-                    m for mode, one in zip(modes, found, strict=True) for m in mode.matrices(one)
+                whole = [
+                    m for mode, one in zip(modes, whole, strict=True) for m in mode.matrices(one)
                 ]
-            matrix = np.array(found)
-        scales = np.array([[_scale(own[k]) for k in places] for own in every])
-        each = 1 if modes is None else modes[0].batch
+            matrix = np.array(whole)
+        scales = np.array([[_scale(one[k]) for k in places] for one in forces])
+        width = 1 if modes is None else modes[0].batch  # members of a scene
         combinations.append(
-            Combination.made(
+            Combination.of_terms(
                 memory,
-                [row for row in own_rows for _ in range(each)],
-                np.repeat(scales / scales[:, :1], each, axis=0),
+                [row for row in terms_of_scenes for _ in range(width)],
+                np.repeat(scales / scales[:, :1], width, axis=0),
                 matrix,
                 is_relative=is_relative,
             )
@@ -269,17 +269,17 @@ def pattern_of(scene: Scene) -> Pattern:
     Terms whose matrices are multiples of each other share their sums.
     """
     is_moving = bool(np.any(scene.initial_velocity != 0))
-    known: list[tuple[bool, Form, list[int]]] = []
+    directions: list[tuple[bool, Form, list[int]]] = []
     for place, force in enumerate(scene.active_forces):
         is_relative = is_moving and isinstance(force, FractionalDamping) and force.order > 1
         _, direction = force.scale_and_direction
-        for other, matrix, places in known:
+        for other, matrix, places in directions:
             if other == is_relative and is_same_direction(matrix, direction):
                 places.append(place)
                 break
         else:
-            known.append((is_relative, direction, [place]))
-    return tuple((tuple(places), is_relative) for is_relative, _, places in known)
+            directions.append((is_relative, direction, [place]))
+    return tuple((tuple(places), is_relative) for is_relative, _, places in directions)
 
 
 def _matrix(force: FractionalDamping | Law, reach: DamperForms | None) -> Form:

@@ -1,12 +1,12 @@
 r"""The memory of Runge-Kutta methods on any mesh: sums of exponentials.
 
-With :math:`\theta = 1 - \gamma` the force of a term at the stages of a step is
+With :math:`\theta = 1 - \gamma` the force of a term at the stages of step n is
 
 .. math:: F_n = h_n^{\theta} A^{\theta} V_n + \sum_j w_j (1 + h_n x_j A)^{-1} 1\, s_{n,j},
 
-and the states follow :math:`s_j' = x_j (v - s_j)` by the method itself
-(:mod:`fvi_cli.integrator.memory.kernel`). Terms differ in their weights w alone: one table of a
-step size serves all terms, and all members of a batch whatever their orders are.
+with the matrix A of the method, velocities V at the stages and rates x; the states follow
+:math:`s_j' = x_j (v - s_j)` by the method itself (:mod:`fvi_cli.integrator.memory.kernel`). Terms
+differ in weights w alone: a table of a step size serves all terms and all members of a batch.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class ExponentialKernels(Kernels):
     """Tables of sums of exponentials for B equal steps."""
 
     step: StageExponentials  # exponentials over one of the steps
-    response: Array  # values at the stages of the block of states that begin with 1, (B m, J)
+    response: Array  # undriven states that begin with 1, at the stages of the block, (B m, J)
     intake: Array  # from inputs of the block to the states at its end, (J, B m)
 
     @cached_property
@@ -49,8 +49,8 @@ class ExponentialKernels(Kernels):
     ) -> Array:
         """Force of the past on the first `count` steps: all directions in one product."""
         weighted = [
-            along(one.weights[:, :, None] * own, one.matrix)
-            for own, one in zip(states, combinations, strict=True)
+            along(one.weights[:, :, None] * acted, one.matrix)
+            for acted, one in zip(states, combinations, strict=True)
         ]
         total = sum(weighted[1:], start=weighted[0])
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
@@ -58,10 +58,10 @@ class ExponentialKernels(Kernels):
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States after the first `count` steps."""
         change = self.change if count == self.count else self.step.changes(count)
-        found = change[:, None] * states
-        found += np.matmul(self.intake[:, (self.count - count) * self.n_inputs :], inputs)
-        found += states
-        return np.asarray(found)
+        after = change[:, None] * states
+        after += np.matmul(self.intake[:, (self.count - count) * self.n_inputs :], inputs)
+        after += states
+        return np.asarray(after)
 
     def change_of_all(self, count: int) -> Array:
         """The matrix P - 1, which is diagonal."""

@@ -47,7 +47,7 @@ class Memory(Protocol):
     """The part of a memory that combinations of terms need."""
 
     terms: tuple[Term, ...]  # its terms, each once
-    weights: Array  # factors of states in the force of each term, (K, J); (K, 0): matrices
+    weights: Array  # factors of states in the force of each term, (K, J); (K, 0) for Lags
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -56,15 +56,14 @@ class Combination:
 
     places: Integers  # numbers of its terms in the memory, (q or 1, n)
     factors: Array  # their coefficients, relative to that of the first one, (q or 1, n)
-    # D with the coefficient of the first term, symmetric, (q, e, e); of one large structure (e, e),
-    # dense or sparse
+    # D with the coefficient of the first term, symmetric, (q, e, e); (e, e) of one large structure
     matrix: Form
     # factors of exponentials in the force, (q or 1, J); (q or 1, 0) where the memory has none
     weights: Array
     is_relative: bool  # whether the start velocity is subtracted
 
     @classmethod
-    def made(
+    def of_terms(
         cls,
         memory: Memory,
         terms: Sequence[Sequence[Term]],
@@ -76,14 +75,14 @@ class Combination:
         """The combination of terms of the memory, a row for every member or one for all."""
         index = {term: place for place, term in enumerate(memory.terms)}
         places = np.array([[index[term] for term in row] for row in terms])
-        plain = cls(
+        combination = cls(
             places=places[:1] if (places == places[0]).all() else places,
             factors=factors[:1] if (factors == factors[0]).all() else factors,
             matrix=matrix,
             weights=np.zeros((1, 0)),
             is_relative=is_relative,
         )
-        return replace(plain, weights=plain.combine(memory.weights))
+        return replace(combination, weights=combination.combine(memory.weights))
 
     def combine(self, by_term: Array) -> Array:
         """Combine values that are given for every term, ``(K, ...)`` to ``(q or 1, ...)``."""
@@ -97,7 +96,8 @@ class Combination:
 class Kernels(ABC):
     r"""Tables of the memory for B equal steps.
 
-    The force of the past and the states after the steps are linear in states z and inputs U,
+    The force of the past, a sum over combinations c with the states :math:`z_c` on which each acts,
+    and the states after the steps are linear in states z and inputs U,
 
     .. math:: F = \sum_c R_c\, z_c D_c, \qquad z' = P z + Q U.
 

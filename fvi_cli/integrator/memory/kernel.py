@@ -32,9 +32,9 @@ from fvi_cli.mathematics.arrays import Array
 _CACHED_KERNELS = 256  # number of kernels that are kept in a process
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 """Exponent of orders so small that 1 minus the order is 1; rates serve all exponents up to it."""
-# densities that are singular nearer to the real axis than this have nodes crowded around there
+# nodes crowd around singularities that are nearer to the real axis than this: the rule needs pi / 2
 _WIDE = 0.55 * math.pi
-_PEAK_MARGIN = 3.0  # least distance of a peak from the ends, as logarithms
+_PEAK_MARGIN = 3.0  # least distance of a peak from the ends, in logarithms of rates
 # ends are moved for a peak in steps of this size, so that similar laws have the same rates
 _ROOM = 2.0
 # nodes farther than this (in logarithms) beyond the ends have the same effect to every accuracy
@@ -52,9 +52,9 @@ class Kernel:
     The states are the weighted means :math:`s_j = x_j z_j`, :math:`s_j' = x_j (v - s_j)`,
     :math:`s_j(0) = 0`, of the velocity v: none is larger than v has been, all have its unit,
     and all terms share them. The weights :math:`w_{kj}` with which they enter the force of term k
-    are those of quadratures of :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx` (time^theta,
-    of the sign of theta), of the derivative of this by theta for a slope, of
-    :math:`\rho(x) dx / x` for a law.
+    are those of quadratures of :math:`\frac{\sin \pi\theta}{\pi} x^{-\theta - 1} dx` for a power
+    (unit time^theta, the sign of theta), and of :math:`\rho(x) dx / x` for a law with the density
+    :math:`\rho` of its spectrum.
 
     Discretised by a Runge-Kutta method with matrix A and weights b,
 
@@ -104,7 +104,7 @@ def power_kernel(
     -----
     The trapezoidal rule in u with :math:`\log x = u - e^{u_0 - u} + e^{u - u_1}` (for the lower
     end: McLean, *Exponential sum approximations for t^{-beta}*, 2018). Below 1/T the integrand is
-    :math:`x^{-\theta}` times an analytic function of x, above K N / h it is
+    :math:`x^{-\theta}` times an analytic function of x, above K N / h (N = `steps`) it is
     :math:`x^{-\theta - 2}` times an analytic function of 1/x, because
     :math:`R(-z) = \pm \exp(-K/z + \ldots)`, K = 2 m (m + 1); there the substitution makes it
     fall doubly exponentially, and nodes at which x no longer differs from its limit are merged.
@@ -128,7 +128,7 @@ def power_kernel(
 def _kernel(
     terms: tuple[Term, ...], step: int, time: int, steps: int, stages: int, accuracy: float
 ) -> Kernel:
-    """The kernel for powers of 2: shortest step, final time and number of steps."""
+    """The kernel for a shortest step 2^step, a final time 2^time and a number of steps 2^steps."""
     # logarithms of rates between which the integrand is not a power of the rate
     first = -time * math.log(2)
     last = math.log(2 * stages * (stages + 1)) + (steps - step) * math.log(2)
@@ -177,7 +177,7 @@ class _Rule:
         # the relative error for x^2 exp(-x) is 2 |Gamma(2 + i w)| = 5 w^1.5 exp(-pi w / 2) at
         # w = 2 pi / width, that for lower powers is less
         omega = 10.0
-        for _ in range(20):
+        for _ in range(20):  # a fixed point: an iteration gains a factor of 3.9 or more
             omega = 2 / math.pi * math.log(5.02 * omega**1.5 / accuracy)
         width = 2 * math.pi / omega
         # an end has no effect left at exp(-cut), in the units of x and, merged, of its least power
@@ -204,10 +204,10 @@ class _Rule:
 
     def merge(self, below: Array, kept: Array, above: Array, factors: Array) -> Array:
         """Weights of the states, ``(J,)``, from factors of those of the three parts."""
-        under, own, over = self.split(factors * self._density)
-        weights = own * kept
-        weights[0] += (under * below).sum()
-        weights[-1] += (over * above).sum()
+        lower, middle, upper = self.split(factors * self._density)
+        weights = middle * kept
+        weights[0] += (lower * below).sum()
+        weights[-1] += (upper * above).sum()
         return np.asarray(weights)
 
 
@@ -238,7 +238,7 @@ def _weights(term: Term, rule: _Rule) -> Array:
 def _u_of(log_rate: float, first: float, last: float) -> float:
     """The u of a rate that lies well inside of the ends."""
     u = log_rate
-    for _ in range(30):
+    for _ in range(30):  # a fixed point: an iteration gains a factor of 10 or so
         u = log_rate + math.exp(first - u) - math.exp(u - last)
     return u
 
@@ -259,7 +259,7 @@ class _PeakMap:
             return w, np.ones_like(w)
         reach = sum(np.arcsinh((np.abs(w) + abs(place)) / size) for place, size in self._peaks)
         low, high = w - reach, w + reach
-        for _ in range(60):
+        for _ in range(60):  # bisection: 53 halvings leave a unit round-off of the interval
             middle = 0.5 * (low + high)
             is_low = self.stretched(middle) < w
             low, high = np.where(is_low, middle, low), np.where(is_low, high, middle)

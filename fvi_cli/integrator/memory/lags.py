@@ -1,14 +1,14 @@
 r"""The memory of backward differences on equal steps: lags, and sums of exponentials beyond them.
 
-With the unknowns :math:`U_k` of a step (its increments over h) the sampled differences are
-:math:`h (E^T U_k + C^T U_{k-1})`, so that the force at the sampling points is a sum over lags,
+With the unknowns :math:`U_k` of a step (its increments over h) and the basis :math:`E^T` at the
+samples, differences from a step to the next are :math:`h (E^T U_k + C^T U_{k-1})`, where
+:math:`C^T U = U_s - E^T U`. So the force at the sampling points is a sum over lags,
 
 .. math:: F_k = \sum_{n=0}^{k} K_n U_{k-n} D, \qquad K_n = h\,(w_n E^T + w_{n-1} C^T),
 
 with the weights w on differences. Near lags are stored one by one, and beyond them the weights
-are sums of exponentials (:func:`lag_exponentials`), each with one state
-for every unknown of a step: :math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. Order 1, whose
-weights end, is a term like the others.
+are sums of exponentials (:func:`lag_exponentials`), each with a state for every unknown of a step:
+:math:`S_j = \sum_{n \geq 1} e^{-n y_j} U_{k-n}`. Order 1, whose weights end, is a term too.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ from fvi_cli.mathematics.arrays import Array, Integers
 from fvi_cli.mathematics.bdf import difference_weights
 
 NEAR_LAGS = {1: 64, 2: 64, 3: 64, 4: 64, 5: 128, 6: 256}
-"""From this lag on the weights are exponentials, by the order p: the zeros of the symbol other than
-z = 1 are at :math:`|z_j| \\geq` 3, 2.3, 1.8 (p = 2, 3, 4), 1.41 and 1.158."""
+"""From this lag n on the weights are exponentials, by the order p. Zeros of the symbol other than 1
+are at |z| >= 3, 2.3, 1.8 (p = 2, 3, 4), 1.41 and 1.158: |z|^-n is below the unit round-off."""
 _GONE = 45.0
-"""An exponential that has fallen by this many e-folds at that lag is left out."""
+"""An exponential that has fallen by exp(-45) = 3e-20 at that lag is left out."""
 _ACCURACY = 1e-15  # of the weights, relative
 
 
@@ -67,7 +67,7 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
         # the weights of order 1 end
         near = n_steps if is_fractional.any() else min(bdf_order, n_steps)
         return LagExponentials(near=near, rates=np.zeros(0), factors=np.zeros((len(orders), 0)))
-    # of the power 0, order 1, the weights are zero
+    # the weights of the power 0, order 1, are zero
     kernel = power_kernel(
         [1.0 - order for order in orders],
         shortest_step=1.0,
@@ -78,11 +78,11 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
     )
     count = int(np.searchsorted(kernel.rates, _GONE / near, side="right"))
     rates = kernel.rates[:count]
-    beyond = np.expm1(rates)
-    symbol = -sum((-beyond) ** k / k for k in range(1, bdf_order + 1))
+    z_less_1 = np.expm1(rates)
+    symbol = -sum((-z_less_1) ** k / k for k in range(1, bdf_order + 1))
     # the weights of the kernel are those of y**(gamma - 2)
     powers = (symbol / rates) ** np.array(orders)[:, None]
-    factors = kernel.weights[:, :count] * rates**2 / beyond * powers
+    factors = kernel.weights[:, :count] * rates**2 / z_less_1 * powers
     return LagExponentials(near=near, rates=rates, factors=factors)
 
 
@@ -103,24 +103,24 @@ class LagKernels(Kernels):
     ) -> Array:
         """Force of the past on the first `count` steps: one product for every direction."""
         size, forces = count * self.n_samples, []
-        for own, one in zip(states, combinations, strict=True):
+        for acted, one in zip(states, combinations, strict=True):
             if one not in self._combined:
                 self._combined[one] = one.combine(self.response)
-            forces.append(along(np.matmul(self._combined[one][:, :size], own), one.matrix))
+            forces.append(along(np.matmul(self._combined[one][:, :size], acted), one.matrix))
         return np.asarray(sum(forces[1:], start=forces[0]))
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
         """States after the first `count` steps."""
         s, (q, _, e) = self.n_inputs, states.shape
         last = self.n_lags * s
-        found = np.empty_like(states)
-        found[:, :last] = np.concatenate([states[:, :last], inputs], axis=1)[:, -last:]
+        after = np.empty_like(states)
+        after[:, :last] = np.concatenate([states[:, :last], inputs], axis=1)[:, -last:]
         if len(self.decay):
             decay = self.decay[:, self.count - count :]
             sums = states[:, last:].reshape(q, -1, s * e)
-            fresh = np.matmul(decay, inputs.reshape(q, count, s * e))
-            found[:, last:] = (decay[:, :1] * sums + fresh).reshape(q, -1, e)
-        return found
+            new = np.matmul(decay, inputs.reshape(q, count, s * e))
+            after[:, last:] = (decay[:, :1] * sums + new).reshape(q, -1, e)
+        return after
 
     def change_of_all(self, count: int) -> Array:
         """The matrix by which undriven states change over `count` steps, ``(J, J)``."""
@@ -195,16 +195,16 @@ class Lags:
         """Tables of `count` steps; all are of one length."""
         kernels, far = self._weights
         rates, before = self._tail.rates, np.arange(1, self.n_lags + 1)
-        # near lags are stored less the sums, in which they are as well
+        # the sums are over all lags n >= 1: their share is subtracted from near lags
         near = kernels.copy()
         near[:, 1:] -= self._beyond(before)
         later = np.arange(self.n_lags + 1, max(count, self.n_lags + 1))
         sequence = np.concatenate([kernels[:, :count], self._beyond(later)], axis=1)
         lags = before[::-1] + np.arange(count)[:, None]
-        of_lags = near[:, np.minimum(lags, self.n_lags)] * (lags <= self.n_lags)[..., None, None]
+        by_lags = near[:, np.minimum(lags, self.n_lags)] * (lags <= self.n_lags)[..., None, None]
         decay = np.exp(-np.outer(np.arange(count), rates))[None, :, :, None, None]
-        both = np.concatenate([of_lags, decay * far[:, None]], axis=2)
-        response = np.ascontiguousarray(both.transpose(0, 1, 3, 2, 4))
+        by_states = np.concatenate([by_lags, decay * far[:, None]], axis=2)
+        response = np.ascontiguousarray(by_states.transpose(0, 1, 3, 2, 4))
         return LagKernels(
             count=count,
             sequence=sequence,

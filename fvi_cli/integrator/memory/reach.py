@@ -39,8 +39,8 @@ class DamperForms:
             rows = as_csr(self.rows)
             inner = cast(Form, rows @ as_csr(term.form) @ rows.T)
             return form(dense(inner) if isinstance(term.form, np.ndarray) else inner)
-        known = {row.tobytes(): place for place, row in enumerate(dense(self.rows))}
-        places = [known[(row + 0.0).tobytes()] for row in term.factored.rows]
+        place_of = {row.tobytes(): place for place, row in enumerate(dense(self.rows))}
+        places = [place_of[(row + 0.0).tobytes()] for row in term.factored.rows]  # -0.0 to 0.0
         whole = np.zeros((self.count, self.count))
         np.add.at(whole, np.ix_(places, places), term.factored.inner)
         return form(whole)

@@ -48,8 +48,8 @@ class StageExponentials:
         the rounding of a ratio near 1 would be repeated in each step.
         """
         logs = count * self.log_magnitudes
-        found = np.expm1(logs)
-        return found if count % 2 == 0 else np.where(self.signs > 0, found, -2.0 - found)
+        changes = np.expm1(logs)
+        return changes if count % 2 == 0 else np.where(self.signs > 0, changes, -2.0 - changes)
 
     def powers(self, count: int) -> Array:
         """``R^n`` for n = 0 .. count - 1, shape ``(count, J)``."""
@@ -123,7 +123,7 @@ class StageOperator:
         """Exponentials over a step whose rates times its length are z, shape ``(J,)``."""
         columns, signs, log_magnitudes = self._resolvent(z)
         rows = columns * z
-        rows[1::2] *= -1.0
+        rows[1::2] *= -1.0  # first rows of the inverse: X^T is X with these signs on both sides
         return StageExponentials(
             stages=self.to_values @ columns,
             signs=signs,
@@ -145,11 +145,11 @@ class StageOperator:
         columns[0] = 1.0 / (rest + half)
         columns[1:] = -off[:, None] * z / tails[1:]
         columns = np.multiply.accumulate(columns, axis=0)
-        # R = (1 - q) / (1 + q): no digits cancel at either end
-        q = half / rest
+        # R = (1 - ratio) / (1 + ratio): no digits cancel at either end
+        ratio = half / rest
         with np.errstate(divide="ignore"):
-            log_magnitudes = -2.0 * np.arctanh(np.minimum(q, 1.0 / q))
-        return columns, np.where(q > 1, -1.0, 1.0), np.maximum(log_magnitudes, _LOG_OF_ZERO)
+            log_magnitudes = -2.0 * np.arctanh(np.minimum(ratio, 1.0 / ratio))
+        return columns, np.where(ratio > 1, -1.0, 1.0), np.maximum(log_magnitudes, _LOG_OF_ZERO)
 
 
 @cache

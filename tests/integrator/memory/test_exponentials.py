@@ -30,7 +30,7 @@ def memory_for(exponents: tuple[float, ...], steps: Array, m: int) -> Exponentia
 def powers_of(memory: Exponentials) -> list[Combination]:
     """Every term of a memory."""
     one = np.ones((1, 1))
-    return [Combination.made(memory, [[term]], one, one[None]) for term in memory.terms]
+    return [Combination.of_terms(memory, [[term]], one, one[None]) for term in memory.terms]
 
 
 def apply(memory: Exponentials, steps: Array, values: Array) -> Array:

@@ -46,7 +46,7 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
         final_time=float(steps.sum()),
         steps=n,
     )
-    law = Combination.made(memory, [[kernel]], np.ones((1, 1)), np.ones((1, 1, 1)))
+    law = Combination.of_terms(memory, [[kernel]], np.ones((1, 1)), np.ones((1, 1, 1)))
     whole = np.zeros((n, m, n, m))
     tables = [memory.kernels(float(h), 1) for h in steps]
     for first in range(n):
