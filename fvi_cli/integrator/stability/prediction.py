@@ -20,7 +20,6 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.method import AnyMethod, Baseline, as_method
 from fvi_cli.integrator.stability.determinants import (
-    LinearSystems,
     StepDeterminants,
     independent_systems,
     step_determinants,
@@ -35,9 +34,6 @@ TOLERATED_GROWTH = 1e3
 
 LARGEST_DIMENSION = 24
 """Most coupled components of one system that is examined."""
-
-LARGEST_NUMBER_OF_SYSTEMS = 20_000
-"""Most independent systems of one scene that is examined."""
 
 FASTEST = 700.0
 """Growth per step, as a logarithm, that exceeds every number."""
@@ -83,10 +79,10 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
     if scene.active_laws:
         return _unknown("modes are not computed for scenes with relaxation laws")
     if scene.is_sparse:
-        return _unknown(f"modes are not computed for {scene.dimension} coupled components")
+        return _unknown(_no_modes(scene.dimension))
     systems = independent_systems(scene)
-    if reason := _too_large(systems):
-        return _unknown(reason)
+    if (size := systems.forms.shape[-1]) > LARGEST_DIMENSION:
+        return _unknown(_no_modes(size))
     growth = _growth(step_determinants(systems, method, scene.final_time / n_steps), n_steps)
     if growth is None:
         return _unknown("a mode lies too close to the circle of no growth to be counted")
@@ -120,14 +116,8 @@ def _unknown(reason: str) -> StabilityPrediction:
     return StabilityPrediction(verdict="unknown", reason=reason)
 
 
-def _too_large(systems: LinearSystems) -> str:
-    number, size = len(systems.forms), systems.forms.shape[-1]
-    words = "modes are not computed for"
-    if size > LARGEST_DIMENSION:
-        return f"{words} {size} coupled components; at most {LARGEST_DIMENSION}"
-    if number > LARGEST_NUMBER_OF_SYSTEMS:
-        return f"{words} {number} independent systems; at most {LARGEST_NUMBER_OF_SYSTEMS}"
-    return ""
+def _no_modes(size: int) -> str:
+    return f"modes are not computed for {size} coupled components; at most {LARGEST_DIMENSION}"
 
 
 def _growth(determinants: StepDeterminants, n_steps: int) -> float | None:
