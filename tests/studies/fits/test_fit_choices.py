@@ -152,11 +152,10 @@ def test_panels_of_a_response_say_what_was_measured_and_in_which_unit(tmp_path, 
     )
     axes = fvi.figures(result)["measured-fit"].axes
     said = [" ".join(one.get_ylabel().split()) for one in axes[:2]]
-    symbol = ("$x$", r"$\dot x$", r"$\ddot x$")[rate]
     unit = ("m per N", "m/s per N", "m/s² per N")[rate]
     for text, part in zip(said, parts, strict=True):
         words = "part of" if part in ("real", "imaginary") else "of"
-        assert text.startswith(f"{part} {words} {symbol} (")
+        assert text.startswith(f"{part} {words} {name} (")
         assert text.endswith("(degrees)" if part == "phase" else f"{unit})")
 
 
