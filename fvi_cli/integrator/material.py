@@ -7,6 +7,7 @@ power of the time.
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -88,18 +89,34 @@ def mesh_of_motion(
                 break
             count *= 2
         is_graded = steps.tolerance < BEHIND_KINKS * float(np.ptp(found.position))
+        if is_graded and motion.kinks:
+            mesh = _with_common_sizes(mesh)
     else:
-        count = max(steps, parts)
+        mesh = uniform_mesh(motion.final_time, max(steps, parts), motion.break_points)
     if not is_graded:
-        return uniform_mesh(motion.final_time, count, motion.break_points)
+        return mesh
     is_sharp = bool(motion.kinks)
     return graded_start_mesh(
-        motion.final_time,
-        count,
-        motion.break_points,
+        mesh,
         stages=method.degree,
         exponent=lambda at_start: START_POWER if at_start or is_sharp else None,
     )
+
+
+def _with_common_sizes(mesh: Mesh) -> Mesh:
+    """Steps of powers of 2, and a rest, between kinks at any times: tables of steps are shared."""
+    stretches: list[Stretch] = []
+    for part in mesh.stretches:
+        unit = 2.0 ** math.floor(math.log2(part.step_size))
+        count = int((part.end - part.begin) / unit)
+        end = part.begin + count * unit
+        rest = part.end - end
+        is_whole = rest <= math.ulp(end)
+        end = part.end if is_whole else end
+        stretches.append(replace(part, end=end, n_steps=count, step_size=unit))
+        if not is_whole:
+            stretches.append(replace(part, begin=end, n_steps=1, step_size=rest, is_fresh=False))
+    return Mesh(stretches=tuple(stretches))
 
 
 def halved_mesh(motion: PrescribedMotion, halvings: int) -> Mesh:

@@ -48,7 +48,8 @@ def test_a_break_point_next_to_an_end(until):
 
 
 def test_a_mesh_behind_a_break_point_has_steps_of_more_than_round_off():
-    mesh = graded_start_mesh(10.0, 4096, (7.3,), stages=10, exponent=lambda at_start: 2.02)
+    equal = uniform_mesh(10.0, 4096, (7.3,))
+    mesh = graded_start_mesh(equal, stages=10, exponent=lambda at_start: 2.02)
     assert all(one.step_size > 100 * math.ulp(one.begin) for one in mesh.stretches)
 
 

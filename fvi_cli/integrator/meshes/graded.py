@@ -26,7 +26,7 @@ import numpy as np
 from fvi_cli.effects.forcing import ForceComponent, formula_of
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, ForcingQuadrature
 
 WINDOW_SHARE = 4
@@ -54,26 +54,21 @@ _ROOTS: Mapping[str, float] = {"sqrt": 0.5, "cbrt": 1 / 3, "power": 0.5, "log": 
 
 
 def graded_start_mesh(
-    final_time: float,
-    n_steps: int,
-    breaks: tuple[float, ...],
-    *,
-    stages: int,
-    exponent: Callable[[bool], float | None],
+    equal: Mesh, *, stages: int, exponent: Callable[[bool], float | None]
 ) -> Mesh:
-    """N equal steps, halved again and again towards t = 0 and towards break points.
+    """Equal steps, halved again and again towards t = 0 and towards break points.
 
     For Gauss methods of m stages; `exponent` gives the least fractional power of the time after
     the start (True) or after a break point (False) in the position, None where it is smooth.
     """
     stretches: list[Stretch] = []
-    for part in uniform_mesh(final_time, n_steps, breaks).stretches:
-        power, size = exponent(part.begin == 0.0), part.step_size
+    for part in equal.stretches:
+        power, size = exponent(part.begin == 0.0) if part.is_fresh else None, part.step_size
         if power is None or size < 2 * least_step(part.begin):
             stretches.append(part)
             continue
-        window = window_of(part.n_steps, n_steps)
-        stretches += graded_window(part.begin, size, window, 2 * stages, power)
+        window = _window_of(part.n_steps, equal.n_steps)
+        stretches += _graded_window(part.begin, size, window, 2 * stages, power)
         last, rest = stretches[-1], part.n_steps - window
         if rest:
             stretches.append(replace(part, begin=last.end, n_steps=rest, is_fresh=False))
@@ -82,7 +77,7 @@ def graded_start_mesh(
     return Mesh(stretches=tuple(stretches))
 
 
-def window_of(count: int, n_steps: int) -> int:
+def _window_of(count: int, n_steps: int) -> int:
     """Number of graded steps in a part of `count` steps of a run of `n_steps`."""
     least = min(n_steps // WINDOW_SHARE, WINDOW_LEAST)
     return max(1, min(max(count // WINDOW_SHARE, least), count, WINDOW_MOST))
@@ -93,7 +88,7 @@ def least_step(begin: float) -> float:
     return LEAST_IN_ULPS * math.ulp(begin) if begin > 0 else 0.0
 
 
-def graded_window(
+def _graded_window(
     begin: float, size: float, window: int, order: int, power: float
 ) -> list[Stretch]:
     """Stretches of `window` steps of the grid, finest first."""
@@ -106,7 +101,7 @@ def graded_window(
     finest = size * 0.5 ** len(levels)
     lengths = [one for one in _towards_zero(order, power) if one == 1 or finest * one >= least]
     stretches: list[Stretch] = []
-    done = begin
+    done, before = begin, 0.0
     for length in reversed(lengths):
         end = begin + finest * length
         stretches.append(
@@ -114,12 +109,12 @@ def graded_window(
                 begin=done,
                 end=end,
                 n_steps=1,
-                step_size=end - done if begin == 0.0 else finest * length - (done - begin),
+                step_size=finest * (length - before),
                 reported_every=0,
                 is_fresh=not stretches,
             )
         )
-        done = end
+        done, before = end, length
     # the finest level fills the remainder of the one above it; its first step is cut already
     passed = 1
     for depth in range(len(levels), 0, -1):

@@ -27,7 +27,7 @@ from fvi_cli.integrator.failure import why_unsolved
 from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, SHORTEST_STEP
 from fvi_cli.integrator.meshes.forces import StepPath
 from fvi_cli.integrator.meshes.graded import graded_start_mesh, least_step, start_power
-from fvi_cli.integrator.meshes.mesh import Stretch
+from fvi_cli.integrator.meshes.mesh import Stretch, uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.along import FormulaAlong, first_fall
 from fvi_cli.integrator.observe.request import Observations
@@ -293,5 +293,7 @@ def power_behind_impact(scene: Scene) -> float | None:
 @lru_cache(maxsize=256)
 def _graded_ends(step: float, count: int, stages: int, power: float | None) -> Sequence[float]:
     """Ends of `count` steps after a singular point with this least power, relative to it."""
-    mesh = graded_start_mesh(count * step, count, (), stages=stages, exponent=lambda _: power)
+    mesh = graded_start_mesh(
+        uniform_mesh(count * step, count), stages=stages, exponent=lambda _: power
+    )
     return tuple(mesh.times[1:].tolist())

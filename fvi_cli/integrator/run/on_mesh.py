@@ -34,9 +34,7 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
         return n_steps
     if method.start == "graded":
         return graded_start_mesh(
-            scene.final_time,
-            n_steps,
-            scene.break_points,
+            uniform_mesh(scene.final_time, n_steps, scene.break_points),
             stages=method.degree,
             exponent=lambda at_start: start_power(
                 scene, at_start=at_start, forcing_quadrature=method.forcing_quadrature

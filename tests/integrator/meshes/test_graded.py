@@ -25,7 +25,7 @@ Array = np.ndarray
 
 
 def graded(n_steps: int, power: float | None, m: int = 4, breaks: tuple[float, ...] = ()) -> Mesh:
-    return graded_start_mesh(3.0, n_steps, breaks, stages=m, exponent=lambda _: power)
+    return graded_start_mesh(uniform_mesh(3.0, n_steps, breaks), stages=m, exponent=lambda _: power)
 
 
 def reported(mesh: Mesh) -> Array:
