@@ -27,13 +27,13 @@ def guarded(command: Callable[..., int]) -> Callable[..., None]:
     """Turn the value of `command`, and whatever it raises, into an exit code."""
 
     @functools.wraps(command)
-    def wrapped(**given: Any) -> None:
+    def wrapped(**options: Any) -> None:
         from fvi_cli.runner.progress import configure_logging
 
-        quiet, verbose = bool(given.get("quiet")), bool(given.get("verbose"))
+        quiet, verbose = bool(options.get("quiet")), bool(options.get("verbose"))
         configure_logging(logging.ERROR if quiet else logging.DEBUG if verbose else logging.WARNING)
         try:
-            code = command(**given)
+            code = command(**options)
             sys.stdout.flush()
         except BrokenPipeError:
             # the reader of the pipe has ended; the interpreter would complain once more at exit
@@ -50,7 +50,7 @@ def guarded(command: Callable[..., int]) -> Callable[..., None]:
 
 
 def _ending(error: BaseException) -> tuple[int, str]:
-    """The exit code of an exception, and what is said."""
+    """The exit code of an exception, and the message."""
     match error:
         case RequestError():
             # as it is: a line may begin with file:line:column, as editors understand it

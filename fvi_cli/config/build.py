@@ -32,8 +32,8 @@ from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
 
-FEWEST_STAGES: Final = 2
-MOST_STAGES: Final = LARGEST_DEGREE - 2  # the second run has two more
+FEWEST_STAGES: Final = 2  # with a tolerance
+MOST_STAGES: Final = LARGEST_DEGREE - 2  # the second run, for the estimate, has two more
 USUAL_STEPS: Final = 256
 """Least number of steps where a displacement is given and no ladder."""
 
@@ -56,7 +56,7 @@ def build_experiment(
     base: Mapping[str, Any],
     before: int,
 ) -> Built | None:
-    """The experiment of its keys; None, with mistakes, where something is wrong.
+    """The experiment of its keys; None, with mistakes in the report, where something is wrong.
 
     `values` is the plain mapping that was read, with the problem of the first member in place of
     that in the file, `base`; `context` that of the validation; `before` the number of mistakes
@@ -64,20 +64,20 @@ def build_experiment(
     """
     problem = _build_problem(keys.problem, report)
     steps, grading = _ladder(keys, problem)
-    methods = list(_methods(keys, report))
+    entries = list(_methods(keys, report))
     report.extend(_needs_ladder(values, problem))
-    report.extend(_wrong_cases(keys, [method for _, method in methods]))
-    for place, method in methods if problem is not None else ():
+    report.extend(_wrong_cases(keys, [method for _, method in entries]))
+    for place, method in entries if problem is not None else ():
         if words := _objection(problem, method):
             report.add(words, *place)
-    every = [method for _, method in methods]
+    methods = [method for _, method in entries]
     if problem is None:
-        report.extend(_wrong_grading(grading, steps, every, ()))
+        report.extend(_wrong_grading(grading, steps, methods, ()))
         return None
-    report.extend(_wrong_steps(problem, every, steps, grading))
-    accuracy = _accuracy(keys, problem, every, report)
+    report.extend(_wrong_steps(problem, methods, steps, grading))
+    accuracy = _accuracy(keys, problem, methods, report)
     report.extend(_wrong_diagnostics(keys, problem))
-    observed = read_observations(keys, problem, every, report)
+    observed = read_observations(keys, problem, methods, report)
     report.extend(wrong_units(keys, problem, observed))
     template = plain(keys.problem)
     is_remarked = remark_on_factors(keys.problem, report)
@@ -87,7 +87,7 @@ def build_experiment(
         template=template,
         dimension=problem.dimension,
         context=context,
-        check=lambda kind: _wrong_member(kind, problem, every, steps, grading, observed),
+        check=lambda kind: _wrong_member(kind, problem, methods, steps, grading, observed),
     )
     is_right = keys.number and len(report) == before
     members = make_members(reading, report, is_remarked=is_remarked) if is_right else ()
@@ -105,7 +105,7 @@ def build_experiment(
         name=name,
         problem=problem,
         problem_specification=template,
-        methods=tuple(every) if accuracy is None else accuracy.methods,
+        methods=tuple(methods) if accuracy is None else accuracy.methods,
         steps=steps,
         grading=grading,
         norm=keys.report.norm,
@@ -128,7 +128,7 @@ def build_experiment(
     resolved = {key: value for key, value in plain(keys).items() if key != "fit"}
     resolved |= {"name": name, **(resolved_members(keys, members) if members else {})}
     if accuracy is None or accuracy.stages is not None:
-        resolved["method"] = [method.keys for method in every]
+        resolved["method"] = [method.keys for method in methods]
     return Built(experiment=experiment, resolved={"name": name, **resolved})
 
 
@@ -158,9 +158,9 @@ def _methods(keys: ExperimentKeys, report: Report) -> Iterator[tuple[KeyPath, An
     is_graded = keys.ladder is not None and keys.ladder.grading is not None
     usual: list[Any] = ["gauss10-none"] if keys.accuracy is not None else ["gauss3"]
     known: set[str] = set()
-    given = keys.method or usual
+    entries = keys.method or usual
     is_list = isinstance(report.value("method"), list)
-    for number, method in methods_of(given, "none" if is_graded else "graded"):
+    for number, method in methods_of(entries, "none" if is_graded else "graded"):
         place: KeyPath = ("method", number) if is_list else ("method",)
         if method.case in known:
             report.add(f"{method.case} is given twice", *place)
@@ -223,21 +223,21 @@ def _wrong_steps(
     steps: tuple[int, ...],
     grading: float,
     *,
-    may_be_between: bool = True,
+    may_add_points: bool = True,
 ) -> Iterator[Wrong]:
     """Jumps of the forcing that do not lie on the grid of every number of steps.
 
-    Methods for any mesh add mesh points at the jumps, and only need a step between two of them.
+    With `may_add_points` methods for any mesh add points there: they need a step between two jumps.
     """
     ends = _break_points(problem)
     if grading != 1.0:
         yield from _wrong_grading(grading, steps, methods, (*ends, problem.final_time))
         return
-    are_own_points = may_be_between and all(
+    adds_points = may_add_points and all(
         isinstance(method, Method) and method.is_runge_kutta for method in methods
     )
     for index, n_steps in enumerate(steps if ends else ()):
-        if not are_own_points:
+        if not adds_points:
             if words := misplaced_break_point(ends, problem.final_time, n_steps):
                 yield Wrong(("ladder", "steps", index), f"{n_steps} steps put {words}")
         elif n_steps <= len(ends):
@@ -322,21 +322,21 @@ def _wrong_member(
 ) -> Iterator[Wrong]:
     """What is wrong with the problem of a member; members are stored at common times."""
     try:
-        own = kind.build_problem()
+        problem = kind.build_problem()
     except ValueError as error:
         yield wrong_argument(error, "problem")
         return
-    if own.dimension != first.dimension:
-        words = f"has {own.dimension} degrees of freedom, the first member {first.dimension}; "
+    if problem.dimension != first.dimension:
+        words = f"has {problem.dimension} degrees of freedom, the first member {first.dimension}; "
         yield Wrong(("problem",), f"{words}members must have the same number")
         return
     are_shared = (
-        own.scene is None
+        problem.scene is None
         or first.scene is None
-        or own.scene.break_points == first.scene.break_points
+        or problem.scene.break_points == first.scene.break_points
     )
-    yield from _wrong_steps(own, methods, steps, grading, may_be_between=are_shared)
+    yield from _wrong_steps(problem, methods, steps, grading, may_add_points=are_shared)
     for method in methods:
-        if words := _objection(own, method):
+        if words := _objection(problem, method):
             yield Wrong(("method",), words)
-    yield from other_meanings(observed, first, own)
+    yield from other_meanings(observed, first, problem)

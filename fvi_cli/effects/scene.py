@@ -102,10 +102,10 @@ class Scene:
         """Refuse effects of another size."""
         forces = (*self.damping, *self.laws)
         for name, is_law in (("damping", False), ("laws", True)):
-            own = tuple(one for one in forces if isinstance(one, Law) is is_law)
-            object.__setattr__(self, name, own)
-        every: list[Any] = [self.potential, self.linear_potential, self.lagrangian, self.forcing]
-        for effect in (*every, *self.damping, *self.laws):
+            terms = tuple(one for one in forces if isinstance(one, Law) is is_law)
+            object.__setattr__(self, name, terms)
+        effects: list[Any] = [self.potential, self.linear_potential, self.lagrangian, self.forcing]
+        for effect in (*effects, *self.damping, *self.laws):
             if effect is not None and effect.dimension != self.dimension:
                 words = f"{type(effect).__name__} has {effect.dimension} components, the mass"
                 raise ValueError(f"{words} {self.dimension}")
@@ -156,7 +156,7 @@ class Scene:
         """
         if self.derivative == "caputo":
             return ()
-        found = []
+        loads = []
         for term in self.active_damping:
             if term.is_integer_order:
                 continue
@@ -164,15 +164,15 @@ class Scene:
             order = term.order % 1.0
             load = -times(start, term.form) / math.gamma(1.0 - order)
             if load.any():
-                found.append((-order, load))
-        return tuple(found)
+                loads.append((-order, load))
+        return tuple(loads)
 
     def initial_force(
         self, time: Array, take: Callable[[Array], Array] = lambda load: load
     ) -> Array:
         """The sum of :attr:`initial_loads` at times ``(n,)``, ``(n, d)``; infinite at t = 0.
 
-        With `take` a linear map of it, from ``(d,)``.
+        `take` is a linear map of every vector ``(d,)``: its values are summed in place of them.
         """
         total = np.zeros((time.size, take(self.initial_position).size))
         for power, whole in self.initial_loads:
@@ -215,7 +215,7 @@ class Scene:
 
         Then nothing grows: for Re s > 0 every term of
         :math:`s M + \sum_j s^{\gamma_j - 1} D_j + K / s` has a positive semi-definite Hermitian
-        part, and that of the first term is definite. Sparse matrices stay sparse.
+        part, and that of the first term is definite. The check keeps sparse matrices sparse.
         """
         forms = [term.form for term in self.active_forces]
         if isinstance(self.potential, QuadraticPotential):
@@ -256,11 +256,11 @@ class Scene:
                 raise ArgumentError("energy", "the Lagrangian depends on t; give the time as well")
             at = 0.0 if time is None else time
             return self.lagrangian.energy(position, self.velocity(position, momentum, at), at)
-        found = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
+        total = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
         for one in (self.potential, self.linear_potential):
             if one is not None:
-                found = found + one.energy(position)
-        return np.asarray(found)
+                total = total + one.energy(position)
+        return np.asarray(total)
 
     def derivatives(self, position: Array, velocity: Array, time: Array) -> Derivatives:
         """All first and second derivatives of L in q and v."""

@@ -9,7 +9,7 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array, Places
 
 SWEEPS = 80
-"""Most iterations for a root in a bracket."""
+"""Most iterations for a root in a bracket: bisection alone would need some 60."""
 
 Function = Callable[[Places, Array], Array]
 """From numbers of functions and places, both ``(n,)``, to the values there, ``(n,)``."""
@@ -30,20 +30,20 @@ def bracketed_roots(
     """
     a, b, fa, fb = right.copy(), left.copy(), at_right.copy(), at_left.copy()
     c, fc = a.copy(), fa.copy()
-    share, found = np.full(a.size, 0.5), np.zeros(a.size)
-    open_ = np.arange(a.size)
+    share, roots = np.full(a.size, 0.5), np.zeros(a.size)
+    index = np.arange(a.size)
     for _ in range(SWEEPS):
         place = a + share * (b - a)
-        value = function(which[open_], place)
+        value = function(which[index], place)
         same = np.sign(value) == np.sign(fa)
         c, fc = np.where(same, a, b), np.where(same, fa, fb)
         b, fb = np.where(same, b, a), np.where(same, fb, fa)
         a, fa = place, value
         nearer = np.abs(fa) < np.abs(fb)
-        best = np.where(nearer, a, b)
-        found[open_] = best
+        nearest = np.where(nearer, a, b)
+        roots[index] = nearest
         width = np.abs(b - a)
-        least = 4e-16 * np.maximum(np.abs(best), 1e-3)
+        least = 4e-16 * np.maximum(np.abs(nearest), 1e-3)  # round-off; 1e-3: of places in [0, 1]
         going = ~((width <= 2.0 * least) | (np.where(nearer, fa, fb) == 0.0))
         if not going.any():
             break
@@ -58,6 +58,6 @@ def bracketed_roots(
         share = np.where(usable, share, 0.5)
         share = np.clip(share, np.minimum(limit, 0.5), np.maximum(1.0 - limit, 0.5))
         # a root that is found is iterated no further, so that it does not depend on the others
-        a, b, c, share, open_ = a[going], b[going], c[going], share[going], open_[going]
+        a, b, c, share, index = a[going], b[going], c[going], share[going], index[going]
         fa, fb, fc = fa[going], fb[going], fc[going]
-    return found
+    return roots

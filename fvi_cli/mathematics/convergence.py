@@ -58,28 +58,28 @@ def _find_roots(evaluate: Evaluate, unknown: Array) -> tuple[Array, Mask, int]:
         matrix = np.where(live[:, None, None], jacobian, np.eye(d))
         step = np.where(live[:, None], _solve(matrix, residual), 0.0)
         before = np.abs(step)
-        length, searching, ends = np.ones((n, 1)), live.copy(), np.zeros(n, dtype=bool)
+        length, searching, at_root = np.ones((n, 1)), live.copy(), np.zeros(n, dtype=bool)
         for _ in range(HALVINGS):
             trial = unknown - length * step
             residual, jacobian, terms = evaluate(trial)
             regular = _regular(residual, jacobian)
             # the correction at the end of the step, by the Jacobian of its beginning
-            left, size = np.abs(_solve(matrix, residual)), np.abs(trial)
-            done = left <= UNIT * size
-            is_slow = ~done & (left / before > SLOW)
+            correction, size = np.abs(_solve(matrix, residual)), np.abs(trial)
+            converged = correction <= UNIT * size
+            is_slow = ~converged & (correction / before > SLOW)
             if is_slow.any():
-                done |= is_slow & (left <= NOISE * _rounding(matrix, terms, size))
-            ends |= searching & done.all(axis=1)
+                converged |= is_slow & (correction <= NOISE * _rounding(matrix, terms, size))
+            at_root |= searching & converged.all(axis=1)
             scale = np.maximum(size + before, SMALLEST)
-            falls = (left / scale).max(axis=1) < (before / scale).max(axis=1)
-            searching &= ~(regular & (ends | falls))
+            falls = (correction / scale).max(axis=1) < (before / scale).max(axis=1)
+            searching &= ~(regular & (at_root | falls))
             if not searching.any():
                 break
             length[searching] *= 0.5
         live &= ~searching
         unknown = np.where(live[:, None], trial, unknown)
-        found |= ends & live
-        live &= ~ends
+        found |= at_root & live
+        live &= ~at_root
     return unknown, found, iteration
 
 
@@ -90,8 +90,8 @@ def _rounding(matrix: Array, terms: Array, size: Array) -> Array:
 
 def _regular(residual: Array, jacobian: Array) -> Mask:
     """Where residual and Jacobian are finite and the Jacobian has an inverse."""
-    sound = np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
-    finite: Mask = np.asarray(sound)
+    both = np.isfinite(residual).all(axis=1) & np.isfinite(jacobian).all(axis=(1, 2))
+    finite: Mask = np.asarray(both)
     safe = np.where(finite[:, None, None], jacobian, 0.0)
     signs: Array = np.asarray(np.linalg.slogdet(safe)[0])
     return np.asarray(finite & (signs != 0))

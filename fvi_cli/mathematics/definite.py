@@ -1,4 +1,4 @@
-"""Whether a symmetric matrix is positive definite beyond its round-off."""
+"""Find whether a symmetric matrix is positive definite beyond its round-off."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array
 
 LEAST = 1e-14
-"""Smallest eigenvalue, per row, of a matrix with unit diagonal: below this times the number of rows
-the matrix is singular up to round-off."""
+"""Least eigenvalue of a positive definite matrix with unit diagonal, over its number of rows: below
+that it is singular up to round-off."""
 
 
 def least_scaled_eigenvalue(matrix: Array) -> Array:

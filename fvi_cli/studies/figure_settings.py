@@ -42,19 +42,19 @@ class FigureSettings(Keys):
     def mistakes(self) -> Iterator[Wrong]:
         """Incomplete settings (``plot`` without ``against``) and contradictory ones."""
         given = [name for name, value in self if value is not None and name != "after"]
-        which = next((one for one in ("section", "ensemble") if one in given), "")
-        for name in given if which else ():
-            if name != which:
-                yield Wrong((name,), f"not together with {which}: write two figures", of_key=True)
+        kind = next((one for one in ("section", "ensemble") if one in given), "")
+        for name in given if kind else ():
+            if name != kind:
+                yield Wrong((name,), f"not together with {kind}: write two figures", of_key=True)
         for name, example in (("plot", "peak_drift"), ("against", "problem.stiffness")):
-            if not which and name not in given:
+            if not kind and name not in given:
                 yield Wrong((name,), f"missing; write {name}: {example}")
 
     @property
     def extent(self) -> tuple[str, str]:
-        """Extent and quantity of `plot`, (``peak``, ``drift``); two empty words: it names none."""
-        found = re.fullmatch(rf"({'|'.join(EXTENTS)})_(.+)", self.plot or "")
-        return (found[1], found[2]) if found else ("", "")
+        """Extent and quantity in `plot`, (``peak``, ``drift``); two empty words if it has none."""
+        match = re.fullmatch(rf"({'|'.join(EXTENTS)})_(.+)", self.plot or "")
+        return (match[1], match[2]) if match else ("", "")
 
     @property
     def file_name(self) -> str:

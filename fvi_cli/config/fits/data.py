@@ -35,7 +35,7 @@ from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
 LEAST_ORDER: Final = 1e-3
 LARGEST_ORDER: Final = 1.999
 LARGEST_LAW_ORDER: Final = 0.999
-"""Default bounds of orders."""
+"""Default bounds of orders: 1e-3 inside of those allowed, 0 to 2 and, of a law, 0 to 1."""
 
 
 def fit_settings(
@@ -57,8 +57,8 @@ def fit_settings(
         return None
     data = list(_data(fit, template, problem, quantities, folder, report))
     models = []
-    described: Mapping[str, ModelKeys | None] = fit.models or {"": None}
-    for name, model in described.items():
+    model_keys: Mapping[str, ModelKeys | None] = fit.models or {"": None}
+    for name, model in model_keys.items():
         under = report.under("models", name) if model else report
         specification: Mapping[str, Any] | None = template
         chosen, where = fit.parameters, report.under("parameters")
@@ -69,8 +69,8 @@ def fit_settings(
                 chosen, where = model.parameters, under.under("parameters")
         if specification is None:
             continue
-        found = tuple(_parameters(chosen, specification, where))
-        models.append(FitModel(name=name, specification=specification, parameters=found))
+        parameters = tuple(_parameters(chosen, specification, where))
+        models.append(FitModel(name=name, specification=specification, parameters=parameters))
     if len(report) > before:
         return None
     size, most = sum(one.size for one in data), max(len(one.parameters) for one in models)
@@ -223,7 +223,7 @@ class _Reader:
             yield text
 
     def response(self) -> Iterator[Series]:
-        """The columns of a response."""
+        """The columns of a response; v and a before a coordinate are its rates 1 and 2."""
         is_prescribed = self.problem.scene.prescribed is not None
         coordinates = (FORCE,) if is_prescribed else self.problem.coordinates
         under = self.report.under("columns")
@@ -239,7 +239,7 @@ class _Reader:
                 own = Amplitude(row=row, rate=max(rate, 0), part=part)
                 yield from self._series(name=f"{name} ({part})", column=column, amplitude=own)
 
-    def _series(self, *, column: str, **own: Any) -> Iterator[Series]:
+    def _series(self, *, column: str, **fields: Any) -> Iterator[Series]:
         """A column of the file with its times or frequencies."""
         given, path = self.given, self.folder / self.given.file
         name, first = excerpt(given.file, 200), given.frequency or given.time or "t"
@@ -254,7 +254,7 @@ class _Reader:
             for message in error.messages:
                 self.report.add(message, error.key)
             return
-        yield Series(column=column, times=samples.time, values=samples.values, **own)
+        yield Series(column=column, times=samples.time, values=samples.values, **fields)
 
     def _check_times(self, samples: CsvSamples, name: str, column: str) -> None:
         end = self.problem.final_time
@@ -293,7 +293,7 @@ def _numbers(node: Any, path: str) -> Iterator[str]:
 
 
 def _refuse_path(template: Mapping[str, Any], key: str, report: Report) -> None:
-    """A key path that leads to no number, with those that do."""
+    """Report a key path that leads to no number, with those that do."""
     known = [one for one in _numbers(template, "problem") if one != "problem.final_time"]
     more = ", ..." if len(known) > 12 else ""
     words = f"not a number of the problem{suggestion(key, known)} "
