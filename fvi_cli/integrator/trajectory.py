@@ -183,8 +183,13 @@ class Trajectory:
 
     @property
     def outcome(self) -> Outcome | None:
-        """Whether a tolerance was met; None if there was no tolerance."""
+        """Whether a tolerance was met, in a word; None if there was no tolerance."""
         return None if self.assessment is None else self.assessment.outcome
+
+    @property
+    def met(self) -> bool | None:
+        """Whether a tolerance was met; None if there was no tolerance."""
+        return None if self.assessment is None else self.assessment.outcome == "met"
 
     @property
     def error_estimate(self) -> float:

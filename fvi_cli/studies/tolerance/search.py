@@ -81,9 +81,8 @@ def solve(
     every run.
 
     The run with the least estimate is returned. ``trajectory(t)`` and ``trajectory.velocity(t)``
-    give the motion at any times, ``trajectory.error_estimate`` its error, ``trajectory.outcome``
-    whether the tolerance is ``met``; otherwise ``unreliable`` or ``refused``, for the reason in
-    ``trajectory.assessment``.
+    give the motion at any times, ``trajectory.error_estimate`` its error, ``trajectory.met``
+    whether the tolerance is met; ``trajectory.assessment`` says why not.
 
     Raises
     ------

@@ -43,7 +43,7 @@ def error(run: fvi.Trajectory, position: Callable[[Array], Array]) -> float:
 
 
 def check(run: fvi.Trajectory, position: Callable[[Array], Array], tolerance: float) -> None:
-    assert run.outcome == "met", run.assessment
+    assert run.met, run.assessment
     true = error(run, position)
     assert true <= tolerance
     assert true <= 3.0 * run.error_estimate
@@ -66,6 +66,7 @@ def test_separatrix(tolerance):
 def test_a_tolerance_below_what_round_off_leaves_says_where():
     run = fvi.solve(SEPARATRIX, tolerance=1e-12)
     assert run.outcome == "unreliable"
+    assert run.met is False
     assert run.assessment.time is not None
     assert "grows" in run.assessment.reason
     assert error(run, separatrix) <= 5.0 * run.error_estimate
