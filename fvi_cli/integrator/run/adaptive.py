@@ -26,7 +26,7 @@ class AdaptiveSource:
     def __init__(self, scene: Scene, method: Method, steps: AdaptiveSteps) -> None:
         self._controller = StepController(steps, scene, method.degree)
         self._local_error = LocalError(scene, step_tables(method), steps.may_miss)
-        self._most_steps, self._why = steps.most_steps, ""
+        self._most_steps, self._last_rejection = steps.most_steps, ""
         self.n_steps, self.failure, self.rejected = 0, "", 0
         self.pushes: list[Array] = []
 
@@ -37,7 +37,7 @@ class AdaptiveSource:
             return None
         begin, is_last = controller.time, self.n_steps >= self._most_steps
         if controller.is_stuck or is_last:
-            why = "the largest number of steps is reached" if is_last else self._why
+            why = "the largest number of steps is reached" if is_last else self._last_rejection
             self.failure = f"step {self.n_steps}, t = {begin:.6g}: {why}"
             return None
         h, is_fresh = controller.propose(), controller.is_fresh
@@ -51,9 +51,9 @@ class AdaptiveSource:
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
         scale, error = _largest(position), math.inf
-        self._why = "the local error cannot be kept"
+        self._last_rejection = "the local error cannot be kept"
         if steps.failed.any():
-            self._why = str(why_unsolved(steps, state))
+            self._last_rejection = str(why_unsolved(steps, state))
         else:
             scale += h * _largest(unknowns)
             path = StepPath(begin=controller.time, size=h, position=position, unknowns=unknowns)
@@ -68,6 +68,6 @@ class AdaptiveSource:
 
 
 def _largest(values: Array) -> float:
-    """Largest absolute value; zero if it is not finite."""
-    found = float(np.maximum.reduce(np.abs(values), axis=None))
-    return found if math.isfinite(found) else 0.0
+    """Largest absolute value; zero if it is not finite: the scale of an error stays finite."""
+    largest = float(np.maximum.reduce(np.abs(values), axis=None))
+    return largest if math.isfinite(largest) else 0.0

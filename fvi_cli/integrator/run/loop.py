@@ -19,10 +19,10 @@ CHUNK, LARGEST_CHUNK = 16384, 2**17
 
 
 class Proposal(NamedTuple):
-    """The steps of a stretch behind those that are done; any number of them may be done next."""
+    """The steps of a stretch that are not done yet; the loop does any number of them next."""
 
     stretch: Stretch
-    done: int = 0
+    done: int = 0  # number of steps of the stretch that are done
 
 
 class Source(Protocol):
@@ -95,17 +95,17 @@ def march(engine: Engine, source: Source, recorder: Recorder) -> None:
                 state.unknowns = state.rest = None
             loads = engine.loads(state.t, h, count, is_fresh=is_fresh)
             block = block_length(engine, stretch.n_steps)
-            blocks = (count // block >> DOUBLINGS) << DOUBLINGS
-            found = None
+            blocks = (count // block >> DOUBLINGS) << DOUBLINGS  # whole groups of 2^DOUBLINGS
+            solved = None
             if isinstance(source, MeshSource) and Recurrence.is_quicker(engine, block, blocks):
                 if recurrence is None or (recurrence.h, recurrence.count) != (h, block):
                     recurrence = Recurrence(engine, h, block)
-                own = None if loads is None else loads[:, : blocks * block]
-                found = recurrence.run(state, blocks, own, with_unknowns=recorder.with_steps)
-                if found is not None:
+                given = None if loads is None else loads[:, : blocks * block]
+                solved = recurrence.run(state, blocks, given, with_unknowns=recorder.with_steps)
+                if solved is not None:
                     state.t = source.accept(blocks * block)
-                    recorder.add(Solved(stretch, done, state.t, *found))
-            if found is None:
+                    recorder.add(Solved(stretch, done, state.t, *solved))
+            if solved is None:
                 _run_steps(engine, source, state, recorder, proposal, count, block, loads)
             if recorder.is_full:
                 recorder.flush(state)
@@ -125,8 +125,8 @@ def _run_steps(
     """Do `count` of the proposed steps, or those before one that is rejected."""
     (stretch, first), done = proposal, 0
     while done < count and state.live.any():
-        own = None if loads is None else loads[:, done:]
-        steps = advance(engine, state, stretch.step_size, count - done, block, own)
+        rest = None if loads is None else loads[:, done:]
+        steps = advance(engine, state, stretch.step_size, count - done, block, rest)
         recorder.count(steps)
         end = source.judge(engine, state, steps)
         if end is None:

@@ -1,4 +1,4 @@
-"""Runs: from scenes and steps to trajectories."""
+"""Runs, on meshes and by adaptive steps: from scenes to trajectories."""
 
 from __future__ import annotations
 
@@ -142,7 +142,7 @@ def run_through(
     ready, share = clock.perf_counter(), 1.0 / len(engine.scenes)
     march(engine, source, recorder)
     seconds = share * (ready - began), share * (clock.perf_counter() - ready)
-    found = []
+    trajectories = []
     for index, scene in enumerate(engine.scenes):
         time, position, momentum = recorder.points(index)
         steps = recorder.steps(index) if recorder.with_steps else None
@@ -156,7 +156,7 @@ def run_through(
         energy, end, failure = _energies(scene, time, position, momentum)
         failure = failure or recorder.failures.get(index, "")
         if steps is not None and end < time.size:
-            # ends of the shortest steps may be equal to the last bit
+            # a search by time fails where ends of the shortest steps are equal to the last bit
             is_whole = steps.time.size == time.size
             kept = end - 1 if is_whole else int(np.searchsorted(steps.time, time[end - 1]))
             steps = steps.first(kept)
@@ -170,7 +170,7 @@ def run_through(
                 works = diagnose(scene, engine.method, steps, engine.loads_of[index])
             works = works.at(np.searchsorted(steps.time, time))
         damping, done = engine.damping, recorder.steps_done(index) * engine.width
-        found.append(
+        trajectories.append(
             Trajectory(
                 time=time,
                 position=position,
@@ -190,15 +190,15 @@ def run_through(
                 rejected=source.rejected,
             )
         )
-    return found
+    return trajectories
 
 
 def _energies(
     scene: Scene, time: Array, position: Array, momentum: Array
 ) -> tuple[Array, int, str]:
-    """Energies at points, up to where the mass is positive definite and there is an energy.
+    """Energies at points, up to where the mass is positive definite and the energy is finite.
 
-    Returned are also the number of these points, and why the run ends there.
+    It also returns the number of these points, and why the run ends there.
     """
     with np.errstate(all="ignore"):
         if scene.lagrangian is None:
@@ -207,12 +207,12 @@ def _energies(
             velocity = scene.lagrangian.velocity(position, momentum, time)
             energy = scene.lagrangian.energy(position, velocity, time)
             mass = scene.lagrangian.derivatives(position, velocity, time).mass
-    # of linear scenes energies overflow where motions are right
+    # energies of linear scenes may overflow where motions are right
     finite, definite = np.isfinite(energy) | scene.is_linear, np.ones(time.size, dtype=bool)
     if mass is not None:
-        known = np.isfinite(mass).all(axis=(1, 2))
-        definite[known] = least_scaled_eigenvalue(mass[known]) > 0
-        finite &= known
+        has_mass = np.isfinite(mass).all(axis=(1, 2))
+        definite[has_mass] = least_scaled_eigenvalue(mass[has_mass]) > 0
+        finite &= has_mass
     wrong = np.flatnonzero(~(finite & definite))
     if not wrong.size:
         return energy, time.size, ""
@@ -240,16 +240,16 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
 
     def first_samples(loads: Array, n_steps: int) -> Array:
         state = engine.start()
-        found = np.empty((n_steps, tables.sample_points.size, scene.dimension))
+        samples = np.empty((n_steps, tables.sample_points.size, scene.dimension))
         for index in range(n_steps):
-            own = engine.member_forces([loads[index : index + 1]])
-            known = engine.loads(index * h, h, 1, is_fresh=index in fresh)
-            steps = engine.solve(state, h, 1, own if known is None else known + own)
+            force = engine.member_forces([loads[index : index + 1]])
+            given = engine.loads(index * h, h, 1, is_fresh=index in fresh)
+            steps = engine.solve(state, h, 1, force if given is None else given + force)
             inside = h * np.matmul(tables.sample_basis[1:].T, steps.unknowns[:, 0])
             place = engine.scene_positions(state.x[:, None] + inside)[0]
-            found[index] = place - scene.initial_position
+            samples[index] = place - scene.initial_position
             engine.accept(state, steps, (index + 1) * h)
-        return found
+        return samples
 
     loads = starting_loads(scene, engine.method, mesh.n_steps, first_samples)
     engine.loads_of[0].add(loads)

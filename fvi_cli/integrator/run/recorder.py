@@ -30,8 +30,8 @@ class Solved(NamedTuple):
     unknowns: Array | None  # U, (q, n, s, e), where polynomials are kept
 
 
-class _Rows(NamedTuple):
-    """Successive points of all scenes."""
+class _Points(NamedTuple):
+    """Successive points of all scenes, one behind every step."""
 
     time: Array  # (n,)
     position: Array  # (scenes, n, d)
@@ -39,10 +39,10 @@ class _Rows(NamedTuple):
     size: Array  # length of the step before it, (n,)
     is_point: Mask  # whether the point is reported; others are kept for polynomials only
 
-    def of(self, rows: slice | Places) -> _Rows:
+    def of(self, some: slice | Places) -> _Points:
         """Some of them."""
         time, x, p, size, is_point = self
-        return _Rows(time[rows], x[:, rows], p[:, rows], size[rows], is_point[rows])
+        return _Points(time[some], x[:, some], p[:, some], size[some], is_point[some])
 
 
 class _End(NamedTuple):
@@ -50,7 +50,7 @@ class _End(NamedTuple):
 
     steps: int  # number of steps up to there
     points: int  # number of reported points, including the start
-    row: _Rows  # the last point
+    point: _Points  # the last point
 
 
 class Recorder:
@@ -72,7 +72,7 @@ class Recorder:
             [[one.momentum(*own, 0.0)] for one, own in zip(engine.scenes, starts, strict=True)]
         )
         none = np.zeros(1)
-        start = _Rows(none, x, p, none, none == 0.0)
+        start = _Points(none, x, p, none, none == 0.0)
         self._last = _End(0, 1, start)
         # columns in pieces; sizes and masks only where the polynomials need them
         self._pieces: list[list[Any]] = [[one] for one in start[: 5 if with_steps else 3]]
@@ -104,19 +104,19 @@ class Recorder:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time to :meth:`flush`."""
+        """Whether it is time to :meth:`flush`: enough steps wait, or a scene has stopped."""
         return self._count >= WAITING or bool(self._stops)
 
     def flush(self, state: State) -> None:
         """Keep the added steps; members of scenes that stop here are solved no more."""
-        rows = self._last.row
+        added = self._last.point
         if self._waiting:
-            rows = self._joined()
+            added = self._joined()
             # a sum is finite only if all terms are
-            if not np.isfinite(rows.position.sum() + rows.momentum.sum()):
-                self._stop_at_infinity(rows)
-            keeps_all = self.with_steps or bool(rows.is_point.all())
-            kept = rows if keeps_all else rows.of(np.flatnonzero(rows.is_point))
+            if not np.isfinite(added.position.sum() + added.momentum.sum()):
+                self._stop_at_infinity(added)
+            keeps_all = self.with_steps or bool(added.is_point.all())
+            kept = added if keeps_all else added.of(np.flatnonzero(added.is_point))
             for pieces, piece in zip(self._pieces, kept, strict=False):
                 pieces.append(piece)
             if self.with_steps:
@@ -124,18 +124,18 @@ class Recorder:
         for scene, (count, words) in self._stops.items():
             if scene not in self.failures:
                 self.failures[scene] = words
-                self._ends[scene] = self._end_after(count, rows)
+                self._ends[scene] = self._end_after(count, added)
                 members = np.arange(state.live.size) // self._engine.width
                 state.live = state.live & (members != scene)
-        self._last = self._end_after(self._count, rows)
+        self._last = self._end_after(self._count, added)
         self._done, self._count, self._waiting, self._stops = self._done + self._count, 0, [], {}
 
-    def _end_after(self, count: int, rows: _Rows) -> _End:
+    def _end_after(self, count: int, added: _Points) -> _End:
         """The end after some of the waiting steps."""
         if not count:
             return self._last
-        points = self._last.points + int(np.count_nonzero(rows.is_point[:count]))
-        return _End(self._done + count, points, rows.of(slice(count - 1, count)))
+        points = self._last.points + int(np.count_nonzero(added.is_point[:count]))
+        return _End(self._done + count, points, added.of(slice(count - 1, count)))
 
     def finish(self, state: State, failure: str) -> None:
         """Note that there are no more steps, where `failure` says so since all scenes stop."""
@@ -147,16 +147,16 @@ class Recorder:
         for axis in (0, 1, 1, 0, 0)[: len(self._pieces)]:
             self._columns.append(_join(self._pieces.pop(0), axis))
         if self.with_steps:
-            scenes, _, d = self._last.row.position.shape
+            scenes, _, d = self._last.point.position.shape
             none = np.zeros((scenes, 0, self._engine.tables.points.size, d))
             self._velocity = [_join(self._velocity or [none], 1)]
 
-    def _joined(self) -> _Rows:
+    def _joined(self) -> _Points:
         """The waiting steps in the coordinates of the scenes."""
         stretches, firsts, ends, position, momentum, _ = zip(*self._waiting, strict=True)
         counts = np.array([one.shape[1] for one in position])
-        last = np.cumsum(counts) - 1
-        index = np.arange(self._count)
+        index, last = np.arange(self._count), np.cumsum(counts) - 1
+        # numbers of the steps in their stretches, from 1
         number = index + np.repeat(np.array(firsts) - last + counts, counts)
         sizes = np.repeat([one.step_size for one in stretches], counts)
         times = np.repeat([one.begin for one in stretches], counts) + sizes * number
@@ -164,30 +164,30 @@ class Recorder:
         every = np.repeat([one.reported_every for one in stretches], counts)
         passed = number + np.repeat([one.passed for one in stretches], counts)
         is_point = (every > 0) & (passed % np.maximum(every, 1) == 0)
-        order = self._reported + np.cumsum(is_point)
+        order = self._reported + np.cumsum(is_point)  # of the reported points, before thinning
         self._reported = int(order[-1])
         x, p = self._engine.to_scene(_join(position, 1), _join(momentum, 1))
         is_point &= order % self._every == 0
-        return _Rows(times, x, p, sizes, is_point)
+        return _Points(times, x, p, sizes, is_point)
 
     def _velocities(self) -> Array:
         """Velocities at the stages of the waiting steps, shape ``(scenes, n, r, d)``."""
         unknowns = _join([one.unknowns for one in self._waiting if one.unknowns is not None], 1)
         velocity = np.matmul(self._engine.tables.slopes[1:].T, unknowns)
         q, n, r, _ = velocity.shape
-        found = self._engine.scene_positions(velocity.reshape(q, n * r, -1))
-        return found.reshape(len(self._engine.scenes), n, r, -1)
+        of_scenes = self._engine.scene_positions(velocity.reshape(q, n * r, -1))
+        return of_scenes.reshape(len(self._engine.scenes), n, r, -1)
 
-    def _stop_at_infinity(self, rows: _Rows) -> None:
+    def _stop_at_infinity(self, added: _Points) -> None:
         """Stop scenes before their first step to numbers that are not finite."""
-        every = np.concatenate([rows.position, rows.momentum], axis=2)
-        finite = np.asarray(np.isfinite(every).all(axis=2))
+        both = np.concatenate([added.position, added.momentum], axis=2)
+        finite = np.asarray(np.isfinite(both).all(axis=2))
         for scene in np.flatnonzero(~finite.all(axis=1)).tolist():
             at = int(finite[scene].argmin())
             if scene not in self._stops or at < self._stops[scene][0]:
-                self._stops[scene] = at, not_finite(self._done + at, float(rows.time[at]))
+                self._stops[scene] = at, not_finite(self._done + at, float(added.time[at]))
 
-    # when all steps are done
+    # the following is for runs whose steps are all done
 
     def points(self, scene: int) -> tuple[Array, Array, Array]:
         """Times, positions and momenta that are kept of a scene, including its last point."""
@@ -198,10 +198,10 @@ class Recorder:
             chosen = slice(is_point.size) if is_point.all() else np.flatnonzero(is_point)
         time = self._columns[0][chosen]
         position, momentum = (column[scene][chosen] for column in self._columns[1:3])
-        if not end.row.is_point[0]:
-            time = np.append(time, end.row.time)
-            position = np.concatenate([position, end.row.position[scene]])
-            momentum = np.concatenate([momentum, end.row.momentum[scene]])
+        if not end.point.is_point[0]:
+            time = np.append(time, end.point.time)
+            position = np.concatenate([position, end.point.position[scene]])
+            momentum = np.concatenate([momentum, end.point.momentum[scene]])
         return time, position, momentum
 
     def steps(self, scene: int) -> RunSteps:
