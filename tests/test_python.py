@@ -28,6 +28,17 @@ def test_every_kind_is_a_function_of_its_name(name):
     assert name.replace("-", "_") in dir(fvi)
 
 
+@pytest.mark.parametrize("wrong", [{"order": 0.5, "coefficient": 1.0}, [{"order": 0.5}], 0.5])
+def test_dampers_are_a_list_of_dampers(wrong):
+    damper = fvi.FractionalDamping(order=0.5, coefficient=1.0)
+    for given_ in (wrong, damper):
+        for name, function in (("damping", fvi.pendulum), ("dampers", fvi.frame)):
+            with pytest.raises(ArgumentError, match=f"{name}: it must be a list, such as .*; got"):
+                function(**{name: given_}, final_time=1.0)
+    one, other = (fvi.pendulum(damping=d, final_time=1.0) for d in ([damper], iter([damper])))
+    assert one.damping == other.damping == (damper,)
+
+
 @pytest.mark.parametrize("force", ["0.3*cos(1.2*t)", ["0.3*cos(1.2*t)"]])
 def test_a_formula_is_a_force(force):
     forcing = fvi.Forcing.from_text("0.3*cos(1.2*t)")

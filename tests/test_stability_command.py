@@ -40,3 +40,12 @@ def test_members_of_a_sweep_are_told_too(tmp_path):
     assert call(tmp_path, text=CONFIG + sweep).exit_code == 0
     assert len(rows(tmp_path)) == 8
     assert (tmp_path / "out/figures/quick-stability.png").exists()
+
+
+def test_a_run_says_what_is_predicted_once_and_of_how_many_steps(tmp_path):
+    path = tmp_path / "quick.yaml"
+    path.write_text(CONFIG, encoding="utf-8")
+    result = fvi("run", str(path), "--output", str(tmp_path / "out"))
+    (line,) = (line for line in result.stderr.splitlines() if "predicted" in line)
+    assert "N=16: predicted unstable: a mode grows by a factor" in line
+    assert line.endswith(" per step (and 1 more run)")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
@@ -28,6 +28,19 @@ from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
 DERIVATIVES: Final = ("caputo", "riemann-liouville")
+
+
+def dampers_of(given: object, name: str) -> tuple[FractionalDamping | Law, ...]:
+    """Damping terms and laws as they are given by an argument; refuses what is no list of them."""
+    words = "it must be a list, such as [fvi.FractionalDamping(order=0.5, coefficient=1.0)]; got"
+    if not isinstance(given, Iterable):
+        raise ArgumentError(name, f"{words} {type(given).__name__}")
+    found = []
+    for one in given:
+        if not isinstance(one, FractionalDamping | Law):
+            raise ArgumentError(name, f"{words} a list with {type(one).__name__}")
+        found.append(one)
+    return tuple(found)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -100,7 +113,7 @@ class Scene:
 
     def _check_effects(self) -> None:
         """Refuse effects of another size."""
-        forces = (*self.damping, *self.laws)
+        forces = (*dampers_of(self.damping, "damping"), *dampers_of(self.laws, "laws"))
         for name, is_law in (("damping", False), ("laws", True)):
             terms = tuple(one for one in forces if isinstance(one, Law) is is_law)
             object.__setattr__(self, name, terms)

@@ -285,7 +285,7 @@ def _outcome(
 
 def _report(found: Sequence[FinishedRun]) -> None:
     """Log a line for a run; as a warning each remark, and why runs failed unexpectedly, once."""
-    shown: set[tuple[str, str, str]] = set()
+    shown: dict[tuple[str, str, str], list[str]] = {}
     for finished in found:
         run, trajectory = finished.run, finished.trajectory
         _logger.debug("%s: %s, error %.3g", run.title, finished.status, finished.error)
@@ -294,6 +294,7 @@ def _report(found: Sequence[FinishedRun]) -> None:
             lines.append(": ".join(filter(None, (finished.status, trajectory.message))))
         for line in lines:
             alike = run.experiment.name, run.method.case, re.sub(r"[0-9.]+", "", line)
-            if alike not in shown:
-                shown.add(alike)
-                _logger.warning("%s: %s", run.title, line)
+            shown.setdefault(alike, []).append(f"{run.title}: {line}")
+    for first, *others in shown.values():
+        more = f" (and {len(others)} more run{'s' * (len(others) > 1)})" if others else ""
+        _logger.warning("%s%s", first, more)

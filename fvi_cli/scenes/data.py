@@ -22,7 +22,7 @@ from fvi_cli.effects.potential import (
     Potential,
     QuadraticPotential,
 )
-from fvi_cli.effects.scene import Derivative, Scene
+from fvi_cli.effects.scene import Derivative, Scene, dampers_of
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -128,11 +128,11 @@ def with_dampers(
     Where the coefficient of a damper is a number c, `on(c)` takes its place.
     """
     placed: list[Effect] = []
-    for one in dampers:
+    for one in dampers_of(dampers, "dampers"):
         is_number = one.factored is None and one.dimension == 1
         factor = on(float(one.matrix[0, 0])) if is_number else one.coefficient
         placed.append(replace(one, coefficient=factor))
-    return {**data, "damping": (*data.get("damping", ()), *placed)}
+    return {**data, "damping": (*dampers_of(data.get("damping", ()), "damping"), *placed)}
 
 
 @scene_function

@@ -2,10 +2,11 @@
 
 from pathlib import Path
 
+import pytest
 from command_line import fvi
 
 from fvi_cli.config import load_config, parse_config
-from fvi_cli.studies.fits.fitting import fit_model
+from fvi_cli.errors import ConfigError
 
 HEAD = """\
 name: decay
@@ -49,9 +50,8 @@ def test_noise_relative_to_the_values_is_read_where_none_is_0(folder):
     (folder / "decay.csv").write_text(text)
     settings = read(folder, columns).experiments[0].fit
     assert (settings.relative, settings.deviation) == (0.02, None)
-    settings = read(folder, relative).experiments[0].fit
-    result = fit_model(settings, settings.models[0])
-    assert "column v is 0 somewhere" in result.message
+    with pytest.raises(ConfigError, match=r"fit\.noise: column v is 0 at 0, where relative noise"):
+        read(folder, relative)
 
 
 def test_what_is_read(folder):

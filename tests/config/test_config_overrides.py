@@ -34,6 +34,15 @@ def test_a_value_may_hold_an_equals_sign_and_an_expression():
         changed("problem.forcing=t == 2")
 
 
+def test_null_leaves_out_what_another_change_replaced():
+    given = ("accuracy.tolerance=1e-6", "method=null")
+    for order in (("ladder=null", *given), (*given, "ladder=null")):
+        assert changed(*order)["accuracy"] == {"tolerance": 1e-6}
+    assert changed("accuracy=null") == changed()
+    with pytest.raises(ConfigError, match=r"--set: laddr: there is no such key"):
+        changed("laddr=null")
+
+
 def test_mistakes_of_the_file_and_of_changes_are_told_together():
     with pytest.raises(ConfigError) as caught:
         parse_config(TEXT.replace("1.0}", "x}"), "f.yaml", overrides=["name=a b", "problem.mass=0"])

@@ -201,3 +201,10 @@ def test_tables_hold_every_row():
     assert len(lines) == 5
     found = csv.DictReader(lines)
     assert [row["predicted"] for row in found] == [row.prediction.verdict for row in table.rows]
+
+
+def test_a_table_says_why_a_verdict_is_unknown():
+    text = STUDY.replace("kind: bagley-torvik", "kind: pendulum")
+    (table,) = stability(parse_config(text, "quick.yaml"))
+    lines = rendered(stability_report("quick", [table]))["quick-stability.md"].splitlines()
+    assert lines.count("- unknown: the scene is nonlinear") == 1

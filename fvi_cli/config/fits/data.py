@@ -79,12 +79,27 @@ def fit_settings(
         report.add(f"{words}; at least {most + 1} are needed", "data")
     if not all(one.parameters for one in models):
         report.add("give at least one parameter to be fitted", "parameters")
+    if isinstance(fit.noise, NoiseKeys):
+        _refuse_zeros(data, report)
     return FitSettings(
         data=tuple(data),
         models=tuple(models),
         deviation=fit.noise if isinstance(fit.noise, float | int) else None,
         relative=fit.noise.relative if isinstance(fit.noise, NoiseKeys) else None,
     )
+
+
+def _refuse_zeros(data: Iterable[DataSet], report: Report) -> None:
+    """Refuse relative noise of values that are 0."""
+    for series in (series for one in data for series in one.series):
+        zeros = series.times[series.values == 0]
+        if zeros.size:
+            more = f", and in {zeros.size - 1} more rows" * (zeros.size > 1)
+            report.add(
+                f"column {series.column} is 0 at {zeros[0]:g}{more}, where relative noise would be "
+                "0; leave such rows out, or write a number",
+                "noise",
+            )
 
 
 def _is_set(key: str, changes: Iterable[str]) -> bool:

@@ -58,7 +58,7 @@ class Report:
 
     def error(self) -> ConfigError:
         """An error with all mistakes, in the order of the text."""
-        lines = list(dict.fromkeys(map(str, sorted(self.found))))
+        lines = list(dict.fromkeys(map(str, sorted(self.found, key=lambda one: one.place))))
         if len(lines) > MOST_TOLD:
             lines = [*lines[:MOST_TOLD], f"... and {len(lines) - MOST_TOLD} more"]
         return ConfigError(*lines)

@@ -65,12 +65,14 @@ def _apply(document: Document, path: KeyPath, text: str) -> None:
     is_null = text.strip() in ("null", "~")
     new = None if is_null else read_document(text, OPTION.source).value
     base = path[:2] if path[0] == "experiments" else ()
+    if is_null and functools.reduce(inside, path, document.value) is None:
+        if path[len(base) :] in _DISPLACED:
+            return
+        raise LookupError("there is no such key")
     for depth in range(len(base) + 1, len(path) + 1):
-        for name in _DISPLACED.get(path[len(base) : depth], ()):
+        for name in () if is_null else _DISPLACED.get(path[len(base) : depth], ()):
             other = (*path[: depth - 1], name)
             document.value = replaced(document.value, other, None)
-    if is_null and functools.reduce(inside, path, document.value) is None:
-        raise LookupError("there is no such key")
     document.value = replaced(document.value, path, new)
     document.forget(path)
     for depth in range(1, len(path) + 1):

@@ -134,7 +134,7 @@ class Observations:
             return
         times = np.array(self.times, dtype=float)
         if times.ndim != 1 or times.size == 0 or not np.isfinite(times).all():
-            raise ValueError("output: at least one time is needed, all of them finite")
+            raise ValueError("output: a list of times is needed, at least one, all finite")
         if times[0] < 0 or not (np.diff(times) > 0).all():
             raise ValueError("output: times must increase, and begin at 0 or later")
         times.setflags(write=False)

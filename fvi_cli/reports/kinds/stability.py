@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.columns import Item, member_columns
-from fvi_cli.reports.table import Block, Column, Report, Sheet, Within, pivot
+from fvi_cli.reports.table import Block, Column, Report, Sheet, Within, listed, pivot
 from fvi_cli.studies.members import label_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
@@ -69,6 +69,9 @@ def _rows(table: StabilityTable) -> Iterator[Block]:
         corner=("method", "member")[: 1 + named],
         headings={str(n): (f"N = {n}",) for n in sorted({n for _, n in found})},
     )
+    predictions = [row.prediction for row in table.rows]
+    reasons = dict.fromkeys(one.reason for one in predictions if one.verdict == "unknown")
+    yield from listed(f"unknown: {reason}" for reason in reasons)
 
 
 def _cell(rows: Sequence[StabilityRow]) -> str:

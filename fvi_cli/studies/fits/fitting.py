@@ -64,9 +64,6 @@ def _given_noise(settings: FitSettings, series: Series) -> Array | float:
     """Deviation of the values of a series; where none is given, their size."""
     if settings.relative is None:
         return settings.deviation or rms(series.values) or 1.0
-    if not series.values.all():
-        words = "where relative noise would be 0; leave such rows out, or write a number"
-        raise ValueError(f"column {series.column} is 0 somewhere, {words}")
     return settings.relative * np.abs(series.values)
 
 
