@@ -90,13 +90,19 @@ def printable(text: str) -> str:
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest known word, or an empty text."""
+    found = nearest(word, known)
+    return f"; did you mean {found!r}?" if found else ""
+
+
+def nearest(word: str, known: Iterable[str]) -> str:
+    """The nearest known word, or an empty text."""
     by_case = {name.lower(): name for name in known}
     short = word.lower()[:LONGEST_EXCERPT]
-    nearest = difflib.get_close_matches(short, by_case, n=1)
-    if not nearest and len(short) > 3:
+    found = difflib.get_close_matches(short, by_case, n=1)
+    if not found and len(short) > 3:
         # such as explicit-euler for euler
-        nearest = [name for name in by_case if short in name][:1]
-    return f"; did you mean {by_case[nearest[0]]!r}?" if nearest else ""
+        found = [name for name in by_case if short in name][:1]
+    return by_case[found[0]] if found else ""
 
 
 def listed(words: Iterable[str]) -> str:

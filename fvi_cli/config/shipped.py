@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 from pathlib import Path
 
-from fvi_cli.errors import RequestError, excerpt, listed, suggestion
+from fvi_cli.errors import RequestError, excerpt, listed, nearest, suggestion
 
 SUFFIXES = (".yaml", ".yml")
 
@@ -45,7 +45,11 @@ def find_config(name: str) -> Path:
         return _folder() / f"{plain}.yaml"
     if is_folder:
         raise RequestError(f"{shown}: a folder, not a configuration file")
-    near = suggestion(plain, neighbours if path.parent.name else (*known, *neighbours))
+    # files are compared without their suffixes, which make all of them alike
+    names = {} if path.parent.name else {one: one for one in known}
+    names |= {str(Path(one).with_suffix("")): one for one in neighbours}
+    found = nearest(str(Path(plain)), names)
+    near = f"; did you mean {names[found]!r}?" if found else ""
     words = f"{shown}: no such file, and no shipped configuration has this name"
     raise RequestError(f"{words}{near}; `fvi list` lists them")
 

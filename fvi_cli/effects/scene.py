@@ -38,7 +38,7 @@ def dampers_of(given: object, name: str) -> tuple[FractionalDamping | Law, ...]:
     found = []
     for one in given:
         if not isinstance(one, FractionalDamping | Law):
-            raise ArgumentError(name, f"{words} a list with {type(one).__name__}")
+            raise ArgumentError(name, f"{words} a list that holds {type(one).__name__}")
         found.append(one)
     return tuple(found)
 
