@@ -18,7 +18,7 @@ from fvi_cli.scenes.records.inputs import digest_of, without_places
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import with_values
 
-SOLVER_VERSION: Final = 21
+SOLVER_VERSION: Final = 22
 """Raise it whenever the same run gives other numbers; stored runs are then computed again."""
 
 INPUT: Final = "input@"

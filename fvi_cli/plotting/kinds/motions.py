@@ -225,7 +225,7 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     if len(defects) == 1:
         defects = [replace(defects[0], label="")]
     upper = with_unit("energy, work", units, "energy")
-    lower = with_unit(f"defect $|{together}-E_0|$", units, "energy")
+    lower = with_unit(f"$|{together}-E_0|$", units, "energy")
     panels = [Panel(curves=curves, y=upper, x=x), Panel(curves=defects, y=lower, x=x, log="y")]
     return figure(panels, lines, height=(1.9, 1.3), sharex=True)
 
