@@ -96,6 +96,20 @@ def test_scalar_terms_together_cost_as_much_as_one(method):
     )
 
 
+@pytest.mark.parametrize("method", [NODES, POINTS], ids=lambda method: method.case)
+def test_a_start_velocity_that_is_subtracted_is_one_column_more(method):
+    def work(order: float, d: int, velocity: float) -> int:
+        forms = {"m": np.diag([1.0, 2.0, 4.0][:d]), "k": np.diag([1.0, 2.0, 3.0][:d])}
+        damping, start = (order, np.ones((d, d)) + np.eye(d)), velocity * np.ones(d)
+        scene = spring(damping, T=6.0, x=np.zeros(d), v=start, **forms)
+        return integrate(scene, method, 300).history_operations
+
+    for d in (1, 3):
+        assert d * work(1.5, d, 1.0) == (d + 1) * work(1.5, d, 0.0) > 0
+        # the control: below order 1 none is subtracted
+        assert work(0.5, d, 1.0) == work(0.5, d, 0.0)
+
+
 def quadratic(lagrangian: str) -> Scene:
     return lagrangian_scene(
         final_time=6.0,
