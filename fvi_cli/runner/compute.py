@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -288,7 +289,8 @@ def _report(found: Sequence[FinishedRun]) -> None:
     shown: dict[tuple[str, str, str], list[str]] = {}
     for finished in found:
         run, trajectory = finished.run, finished.trajectory
-        _logger.debug("%s: %s, error %.3g", run.title, finished.status, finished.error)
+        error = f", error {finished.error:.3g}" if math.isfinite(finished.error) else ""
+        _logger.debug("%s: %s%s", run.title, finished.status, error)
         lines = list(trajectory.remarks)
         if is_unexpected_failure(finished):
             lines.append(": ".join(filter(None, (finished.status, trajectory.message))))

@@ -94,10 +94,11 @@ def _refuse_zeros(data: Iterable[DataSet], report: Report) -> None:
     for series in (series for one in data for series in one.series):
         zeros = series.times[series.values == 0]
         if zeros.size:
-            more = f", and in {zeros.size - 1} more rows" * (zeros.size > 1)
+            where = "t" if series.amplitude is None else "frequency"
+            more = f" and in {zeros.size - 1} more rows" * (zeros.size > 1)
             report.add(
-                f"column {series.column} is 0 at {zeros[0]:g}{more}, where relative noise would be "
-                "0; leave such rows out, or write a number",
+                f"column {series.column} is 0 at {where} = {zeros[0]:g}{more}, where relative "
+                "noise would be 0; leave such rows out, or write a number",
                 "noise",
             )
 

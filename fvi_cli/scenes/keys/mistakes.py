@@ -65,6 +65,11 @@ def _mistakes(detail: ErrorDetails, whole: Any, model: Any) -> Iterator[Wrong]:
         yield Wrong(path, str(context["error"]))
     elif kind == "extra_forbidden":
         yield Wrong(path, _about_key(path, model, whole), of_key=True)
+    elif kind in ("too_short", "too_long"):
+        least, most = context.get("min_length"), context.get("max_length")
+        bound = f"at most {most}" if kind == "too_long" else f"at least {least}"
+        noun = "entry" if (most if kind == "too_long" else least) == 1 else "entries"
+        yield Wrong(path, f"it must have {bound} {noun}, not {context['actual_length']}")
     elif kind == "missing":
         about = _meaning(hint_at(model, path, whole))
         yield Wrong(path, f"missing{f': {about}' if about else ''}")
