@@ -204,6 +204,12 @@ def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told():
     assert [f.error for f in one.finished] == [f.error for f in other.finished]
 
 
+def test_one_change_needs_no_list():
+    one, other = (fvi.load("damped-oscillator", overrides=c) for c in ("name=a", ["name=a"]))
+    assert one.name == other.name == "a"
+    assert one.overrides == other.overrides == ("name=a",)
+
+
 def test_an_outcome_is_short():
     (outcome,) = fvi.run({**CONFIG, "method": [{"rk": "gauss", "degree": [2, 3]}]})
     assert repr(outcome) == "<Outcome free: 8 ok>"

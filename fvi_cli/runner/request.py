@@ -54,7 +54,7 @@ def load(source: Source, *, overrides: Sequence[str] = ()) -> LoadedConfig:
         it, or what would stand in the file as a mapping (with its ``name``); NumPy arrays and
         numbers in it stand for lists and numbers.
     overrides
-        Changes ``key.path=value`` as of ``--set``, validated like the rest.
+        Changes ``key.path=value`` as of ``--set``, one or a list, validated like the rest.
 
     Raises
     ------
@@ -65,6 +65,8 @@ def load(source: Source, *, overrides: Sequence[str] = ()) -> LoadedConfig:
     StorageError
         For a result file that cannot be read.
     """
+    if isinstance(overrides, str):
+        overrides = [overrides]
     if isinstance(source, LoadedConfig):
         if overrides:
             raise RequestError("overrides: give them when the configuration is first loaded")

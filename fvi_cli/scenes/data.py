@@ -46,8 +46,9 @@ Parameters
 final_time
     T: the motion is sought on [0, T].
 damping
-    Terms :math:`\mu D^\gamma q` of the equation of motion, and relaxation laws, a list of
-    :class:`fvi_cli.FractionalDamping` and :class:`fvi_cli.Law`.
+    Terms :math:`\mu D^\gamma q` of the equation of motion, and relaxation laws: a list of
+    :class:`fvi_cli.FractionalDamping`, and of what ``fvi.fractional_zener``,
+    ``fvi.fractional_maxwell`` and ``fvi.prony`` return.
 laws
     Further laws.
 forcing
