@@ -76,16 +76,8 @@ def _ladder(experiment: Experiment, finished: Sequence[FinishedRun], **options: 
 def _ladders(panels: Sequence[Panel], *, sharey: bool, **titles: Any) -> Figure:
     """A figure of ladders: one in a column, several in rows of two or three."""
     columns = min(len(panels), 2 if len(panels) in (2, 4) else 3)
-    height = 2.9 if columns < 3 else 2.2
-    return figure(
-        panels,
-        ladder,
-        columns=columns,
-        height=height,
-        sharey=sharey,
-        finish=finish_ladders,
-        **titles,
-    )
+    titles |= {"columns": columns, "height": 2.9 if columns < 3 else 2.2, "sharey": sharey}
+    return figure(panels, ladder, finish=finish_ladders, **titles)
 
 
 def error_curves(finished: Sequence[FinishedRun]) -> list[Curve]:

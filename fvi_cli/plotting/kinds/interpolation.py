@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -38,31 +42,37 @@ def interpolation_figure() -> Figure:
         curves.append(Curve(x=x, y=y, label="$x_d(t)$, degree $s=2$", look=look))
     for x, y, label, colour, marker in (
         (steps + nodes, values @ basis.values(nodes), "quadrature points", 2, "x"),
-        (steps + control[1], values[:, 1], "inner control points", 4, "o"),
+        (steps + control[1], values[:, 1], "inner control points", 4, "D"),
         (np.arange(_N_STEPS + 1.0), main, "control points at nodes", 1, "o"),
     ):
         look = Look(colour=COLOURS[colour], marker=marker, width=0, size=5.0)
         curves.append(Curve(x=x.ravel(), y=y.ravel(), label=label, look=look))
-    for start, length, height, name, shade in (
-        (0.0, 1.0, 0.12, "$h$", INK),
-        (1.0, nodes[0], 0.24, "$c_1h$", COLOURS[2]),
-        (1.0, nodes[1], 0.36, "$c_2h$", COLOURS[2]),
-    ):
-        look = Look(colour=shade, marker="|", width=0.8, size=4.0)
-        ends, end = np.array([start, start + length]), (start + length, height, name)
-        curves.append(Curve(x=ends, y=np.full(2, height), look=look, marks=[end]))
-    return figure([Panel(curves=curves, ylim=(0.0, None))], _sketch, height=2.5)
+    names = [
+        (main[1], 1.0, (4, 6), "$x_k=x_k^0$"),
+        (values[1, 1], 1.0 + control[1], (-16, -12), "$x_k^1$"),
+        (main[2], 2.0, (4, -15), "$x_k^2=x_{k+1}$"),
+    ]
+    sketch = functools.partial(_sketch, nodes=nodes, names=names)
+    return figure([Panel(curves=curves, ylim=(0.0, None))], sketch, height=2.2)
 
 
 def _motion(time: Array) -> Array:
     return np.asarray(0.85 + 0.27 * np.sin(1.9 * time - 0.6) + 0.03 * time)
 
 
-def _sketch(axes: Axes, panel: Panel) -> None:
-    """Lines over an axis of time with the grid of steps."""
+def _sketch(axes: Axes, panel: Panel, nodes: Array, names: Sequence[Any]) -> None:
+    """Lines over an axis of time with the grid of steps, the names of points, and lengths."""
     lines(axes, panel)
     axes.spines["left"].set_visible(False)
     axes.tick_params(left=False, labelleft=False)
     axes.set_xticks(range(_N_STEPS + 1), ["$t_{k-1}$", "$t_k$", "$t_{k+1}$", "$t_{k+2}$"])
-    for node in range(_N_STEPS + 1):
-        axes.axvline(node, color=PALE, linewidth=0.5, zorder=0)
+    axes.vlines(range(_N_STEPS + 1), 0.0, 1.3, PALE, linewidth=0.5, zorder=0)
+    axes.vlines(1.0 + nodes, 0.0, (1.1, 0.82), COLOURS[2], "dotted", linewidth=0.8, zorder=0)
+    for height, place, offset, name in names:
+        axes.annotate(name, (place, height), offset, textcoords="offset points")
+    lengths = ((-1.0, 0.12, "$h$"), (nodes[0], 0.12, "$c_1h$"), (nodes[1], 0.3, "$c_2h$"))
+    for length, height, name in lengths:
+        look = {"color": INK if length < 0 else COLOURS[2], "shrinkA": 0, "shrinkB": 0}
+        arrow = {"arrowstyle": "<->", "mutation_scale": 6} | look
+        axes.annotate("", (1.0, height), (1.0 + length, height), arrowprops=arrow)
+        axes.text(1.0 + length / 2, height + 0.03, name, color=look["color"], ha="center")
