@@ -46,13 +46,13 @@ def execute(run: Run, reference: Reference | None = None) -> FinishedRun:
 
 def execute_batch(
     runs: Sequence[Run],
-    references: Sequence[Reference | None] = (),
+    references: Sequence[Reference | None],
     *,
     log: Callable[[str], object] = lambda line: None,
 ) -> list[FinishedRun]:
     """Compute runs by one method on one number of steps, e.g. members of a sweep; or one search.
 
-    A run that fails does not disturb the others. References that are not given are found here. A
+    A run that fails does not disturb the others. A reference that is None is found here. A
     search for a tolerance gives `log` a line for every run.
     """
     if runs[0].is_search:
@@ -75,7 +75,7 @@ def execute_batch(
     found |= zip(moving, trajectories, strict=True)
     return [
         assessed(run, found[run], prediction_of(run), reference or reference_of(run))
-        for run, reference in zip(runs, references or [None] * len(runs), strict=True)
+        for run, reference in zip(runs, references, strict=True)
     ]
 
 
