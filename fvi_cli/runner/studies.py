@@ -131,8 +131,10 @@ def _stability_of(experiment: Experiment, *, progress: bool) -> StabilityTable:
 def _stability_tasks_of(experiment: Experiment) -> Iterator[Task]:
     if experiment.needs_search:
         raise RequestError(f"{experiment.name}: {NEEDS_LADDER}")
-    if experiment.problem.scene is None:
-        raise RequestError(f"{experiment.name}: has no motion, and so no stability")
+    scene = experiment.problem.scene
+    if scene is None or scene.prescribed is not None:
+        words = "has no motion" if scene is None else "has a given motion"
+        raise RequestError(f"{experiment.name}: {words}, and so no stability")
     for method, n_steps in itertools.product(experiment.methods, experiment.steps):
         of = (f"N = {n_steps}", f"{len(experiment.members)} members" * bool(experiment.members))
         yield Task(

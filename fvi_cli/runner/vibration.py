@@ -213,6 +213,9 @@ def _table(one: Subject, compute: Callable[..., Table]) -> Table:
     if not isinstance(problem, Problem) or not problem.scene.is_linear:
         words = "modes and harmonic responses need a linear scene"
         raise RequestError(f"{one.name}: {words}, and {problem.kind} is none")
+    if problem.scene.prescribed is not None:
+        words = "has no mass, and so no modes and responses"
+        raise RequestError(f"{one.name}: {problem.kind} {words}; give its law to a structure")
     try:
         table = compute(one, problem)
     except ValueError as error:

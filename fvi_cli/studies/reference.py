@@ -155,7 +155,8 @@ def _reference(problem: AnyProblem, difference: float | None) -> Reference:
     if scene is None:
         raise ValueError("reference: a derivative needs its exact value")
     if known is None and source == "none":
-        return _unknown(scene, "none, as asked for")
+        is_given = scene.prescribed is not None
+        return _unknown(scene, "none, the motion is given" if is_given else "none, as asked for")
     refined = _refined(scene)
     if known is not None and difference is not None:
         if not ERROR_FACTOR * refined.error < difference:
