@@ -49,3 +49,9 @@ def test_a_run_says_what_is_predicted_once_and_of_how_many_steps(tmp_path):
     (line,) = (line for line in result.stderr.splitlines() if "predicted" in line)
     assert "N=16: predicted unstable: a mode grows by a factor" in line
     assert line.endswith(" per step (and 1 more run)")
+
+
+def test_a_table_says_why_a_verdict_is_unknown(tmp_path):
+    call(tmp_path, text=CONFIG.replace("kind: bagley-torvik", "kind: pendulum"))
+    lines = (tmp_path / "out/tables/quick-stability.md").read_text().splitlines()
+    assert lines.count("- unknown: the scene is nonlinear") == 1

@@ -1,9 +1,7 @@
-"""Works and energy balance: exact where promised, of the method's order elsewhere.
-
-With none nothing of it is computed.
-"""
+"""Works, stored energy and balance: exact where promised, of the method's order elsewhere."""
 
 import dataclasses
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -11,8 +9,12 @@ from letters import in_pieces, spring, swing
 from oracles.linear_response import match_scene
 from spread import spread
 
+from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.registry import build_problem
 
 GAUSS2 = Method(cq="gauss", degree=2, start="none")
@@ -86,8 +88,7 @@ def pendulum():
 
 
 def diagnosed(scene, method, n_steps):
-    asked = True
-    return integrate(scene, method, n_steps, diagnostics=asked).diagnostics
+    return integrate(scene, method, n_steps, diagnostics=True).diagnostics
 
 
 @spread(method=[GAUSS2, MIDPOINT_NODES, NODES, POINTS], order=[0.5, 1.0, 1.5])
@@ -169,8 +170,7 @@ def test_works_are_those_of_the_exact_motion(order):
         pulled[0] + pulled[-1] + 4 * pulled[1:-1:2].sum() + 2 * pulled[2:-1:2].sum()
     )
     exact_work = position[-1] * 1.6 - simpson
-    asked = True
-    trajectory = integrate(problem.scene, GAUSS3_GRADED, 256, diagnostics=asked)
+    trajectory = integrate(problem.scene, GAUSS3_GRADED, 256, diagnostics=True)
     found = trajectory.diagnostics
     assert found.forcing_work[-1] == pytest.approx(exact_work, abs=1e-9)
     energies = trajectory.energy
@@ -180,11 +180,11 @@ def test_works_are_those_of_the_exact_motion(order):
 
 
 def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
-    scene, asked = oscillator(0.5), True
+    scene = oscillator(0.5)
     plain = integrate(scene, GAUSS3_GRADED, 256)
-    with_more = integrate(scene, GAUSS3_GRADED, 256, diagnostics=asked)
+    with_more = integrate(scene, GAUSS3_GRADED, 256, diagnostics=True)
     assert np.abs(plain.position - with_more.position).max() < 1e-13
-    thin = integrate(scene, GAUSS3_GRADED, 256, every=100, diagnostics=asked)
+    thin = integrate(scene, GAUSS3_GRADED, 256, every=100, diagnostics=True)
     assert thin.time.size == thin.diagnostics.energy_defect.size == 4
     assert thin.diagnostics.dissipated_work[-1] == with_more.diagnostics.dissipated_work[-1]
 
@@ -203,3 +203,128 @@ def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slo
         assert max(defects) < 1e-12
     else:
         assert np.log2(defects[0] / defects[1]) == pytest.approx(slope, abs=0.05)
+
+
+Array = np.ndarray
+
+
+def mesh_times(rng: np.random.Generator, kind: str, final_time: float, n: int) -> Array:
+    sizes = {
+        "uniform": np.ones(n),
+        "random": 10.0 ** rng.uniform(-4, 0, n),
+        "alternating": np.tile([1.0, 0.01], -(-n // 2))[:n],
+    }[kind]
+    times = np.concatenate([[0.0], np.cumsum(sizes)])
+    times *= final_time / times[-1]
+    times[-1] = final_time
+    return times
+
+
+def extended(found: Trajectory) -> Array:
+    """H plus what is stored."""
+    assert found.status == "ok"
+    assert (found.diagnostics.stored_energy >= 0).all()
+    return found.energy + found.diagnostics.stored_energy
+
+
+def rise(energy: Array) -> float:
+    """Largest increase over a step, relative to the start."""
+    return float(np.diff(energy).max() / energy[0])
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A random linear scene of the design, with its mesh and number of stages."""
+
+    scene: Scene
+    times: Array
+    stages: int
+    bound: float
+
+    def run(self) -> Trajectory:
+        method = Method(cq="gauss", degree=self.stages)
+        return integrate(self.scene, method, mesh_of(self.times), diagnostics=True)
+
+
+def drawn(seed: int) -> Drawn:
+    """Orders .05 to 1.95, damping 1e-3 to 1e4, stiffness 1e-2 to 1e8, 1 to 6 stages."""
+    rng = np.random.default_rng(seed)
+    order = float(rng.uniform(0.05, 1.95))
+    stiffness = float(10 ** rng.uniform(-2, 8))
+    velocity = float(rng.normal()) if order < 1 else 0.0
+    kind = ("uniform", "random", "alternating")[seed % 3]
+    final_time, coefficient = float(10 ** rng.uniform(-1, 2)), float(10 ** rng.uniform(-3, 4))
+    scene = spring((order, coefficient), T=final_time, k=stiffness, x=1.0, v=velocity)
+    return Drawn(
+        scene=scene,
+        times=mesh_times(rng, kind, scene.final_time, int(rng.integers(20, 120))),
+        stages=int(rng.integers(1, 7)),
+        bound=float(np.sqrt(1.0 + velocity**2 / stiffness)),
+    )
+
+
+def check(seed: int) -> None:
+    case = drawn(seed)
+    found = case.run()
+    energy = extended(found)
+    assert rise(energy) < 1e-12, seed
+    assert np.abs(found.position).max() <= case.bound * (1 + 1e-12), seed
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize("first", range(0, 60, 15))
+def test_the_extended_energy_of_random_scenes_falls(first):
+    for seed in range(first, first + 15):
+        check(seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", range(0, 2000, 100))
+def test_the_extended_energy_of_many_random_scenes_falls(first):
+    for seed in range(first, first + 100):
+        check(seed)
+
+
+def test_negative_damping_raises_it():
+    """The control."""
+    rises = []
+    for seed in range(12):
+        case = drawn(seed)
+        (term,) = case.scene.damping
+        negative = FractionalDamping(order=term.order, coefficient=-1e-2 * np.eye(1))
+        scene = replace(case.scene, damping=(negative,))
+        found = replace(case, scene=scene).run()
+        rises.append(rise(found.energy + found.diagnostics.stored_energy))
+    assert min(rises) > 1e-9
+
+
+def test_the_mechanical_energy_alone_rises():
+    """What is stored comes back: without it the law would not hold."""
+    scene = spring((0.3, 2.0), T=20.0, k=2.0, x=1.0)
+    found = integrate(scene, Method(cq="gauss", degree=3), 200, diagnostics=True)
+    assert rise(found.energy) > 1e-4
+    assert rise(extended(found)) < 1e-14
+
+
+@spread(
+    orders=[(0.5,), (1.5,), (0.2, 0.9, 1.4), (1.0, 0.6)], kind=["uniform", "random", "alternating"]
+)
+def test_several_terms_and_degrees_of_freedom(orders, kind):
+    rng = np.random.default_rng(7)
+    matrices = []
+    for _ in range(len(orders) + 2):
+        random = rng.normal(size=(3, 3))
+        matrices.append(random @ random.T + 0.2 * np.eye(3))
+    scene = spring(
+        *((order, matrix) for order, matrix in zip(orders, matrices, strict=False)),
+        T=12.0,
+        m=matrices[-1],
+        k=matrices[-2],
+        x=[1.0, -0.5, 0.3],
+        v=[0.4, 0.0, -1.0] if max(orders) <= 1 else 0.0,
+    )
+    mesh = mesh_of(mesh_times(rng, kind, 12.0, 90))
+    found = integrate(scene, Method(cq="gauss", degree=2), mesh, diagnostics=True)
+    assert rise(extended(found)) < 1e-12
+    defect = found.diagnostics.energy_defect
+    assert np.abs(defect).max() < 1e-11 * extended(found)[0]

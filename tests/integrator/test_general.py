@@ -8,15 +8,13 @@ import pytest
 from letters import swing
 from spread import spread
 
-from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.scene import Scene
-from fvi_cli.errors import RequestError
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.graded import order_on
-from fvi_cli.integrator.method import Baseline, Method
+from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import kepler
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
@@ -181,38 +179,6 @@ def test_a_run_that_cannot_go_on_says_where(text, message):
     assert any(part in run.message for part in message.split("|"))
     assert 1 < run.time.size < 65
     assert np.isfinite(run.position).all()
-
-
-@pytest.mark.parametrize(
-    ("text", "position", "n_steps", "message"),
-    [
-        ("vx**2*(1 + x**2)/2 - log(x)", 1.0, 64, "the energy is not finite near q = [-0.0"),
-        ("(1 + x)*vx**2/2 - 5*x", 0.2, 16, "is not positive definite near q = [-1.0"),
-    ],
-)
-def test_a_path_that_leaves_where_the_lagrangian_is_one_says_why(text, position, n_steps, message):
-    run = integrate(single(text, initial_position=position, initial_velocity=-0.5), GAUSS3, n_steps)
-    assert run.status == "failed"
-    assert message in run.message
-
-
-@pytest.mark.parametrize(
-    "method",
-    [
-        Baseline(name="explicit-euler"),
-        Method(cq="bdf2", degree=1, start="weights", start_exponents=(1.0,)),
-    ],
-)
-def test_methods_that_are_not_made_for_it(method):
-    text = (
-        "name: a\nproblem: {kind: double-pendulum, joints: [{order: 0.5, coefficient: 1}], "
-        "final_time: 1}\nmethod: METHOD\nladder: {steps: [4]}\n"
-    )
-    given = "{baseline: explicit-euler}"
-    if isinstance(method, Method):
-        given = "{bdf: 2, start: {weights: [1]}}"
-    with pytest.raises(RequestError, match=r"Lagrangian without|constant mass"):
-        parse_config(text.replace("METHOD", given), "a.yaml")
 
 
 def test_a_jump_of_the_force_keeps_the_run_going():

@@ -10,13 +10,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
+from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_members
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
-from fvi_cli.integrator.method import AnyMethod, Baseline, Method
+from fvi_cli.integrator.memory.damping import pattern_of
+from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, uniform_mesh
+from fvi_cli.integrator.method import AnyMethod, Method
+from fvi_cli.integrator.run.on_mesh import integrate_scenes
 from fvi_cli.scenes.data import duffing
 
 BDF2 = Method(cq="bdf2", degree=1)
@@ -140,14 +143,6 @@ def test_those_that_end_early_do_not_disturb_the_others(scenes, method, n_steps)
         assert np.abs(one.position - other.position).max() <= 1e-12
 
 
-def test_wrong_numbers_are_refused():
-    with pytest.raises(ValueError, match="n_steps: 0 is not allowed"):
-        integrate_members(springs(2), BDF2, 0)
-    with pytest.raises(ValueError, match="every: 0 is not allowed"):
-        integrate_members(springs(2), BDF2, 8, every=0)
-    assert integrate_members([], BDF2, 8) == []
-
-
 # --- steps without a solution ---------------------------------------------------------------------
 
 
@@ -175,7 +170,55 @@ def test_a_singular_frozen_response_is_no_failure():
     assert "unique" not in run.message
 
 
-def test_a_baseline_step_without_a_solution():
-    scene = spring(T=2.0, k=-1.0, x=1.0)
-    assert integrate(scene, Baseline(name="implicit-euler"), 2).status == "failed"
-    assert integrate(scene, Baseline(name="implicit-euler"), 4).status == "ok"
+COUPLING = np.array([[1.0, 0.2, 0.0], [0.2, 0.5, 0.1], [0.0, 0.1, 0.3]])
+
+
+def chain(*terms: tuple[float, float | np.ndarray], v: float = 0.4, **more: object) -> Scene:
+    stiffness = 2 * np.eye(3) - np.eye(3, k=1) - np.eye(3, k=-1)
+    start = {"x": [1.0, 0.0, -0.3], "v": [v, 0.0, -v]}
+    return spring(*terms, T=8.0, m=np.eye(3), k=stiffness, **start, **more)
+
+
+def pendulum(*terms: tuple[float, float], v: float = 0.4) -> Scene:
+    return swing(*terms, T=8.0, x=1.0, v=v)
+
+
+def number(*terms: tuple[float, float], v: float = 0.4) -> Scene:
+    return spring(*terms, T=8.0, k=2.0, x=1.0, v=v)
+
+
+BUILDERS = {"number": number, "pendulum": pendulum, "chain": chain}
+SWEEPS = {
+    "orders below 1": [((order, 0.3), (0.5, 0.1)) for order in (0.05, 0.77, 1.0)],
+    "orders above 1": [((order, 0.3), (1.5, 0.1)) for order in (1.02, 1.6, 1.97)],
+    "orders on both sides": [((order, 0.3), (1.5, 0.1)) for order in (0.3, 0.9, 1.0)],
+    "coefficients": [((0.5, 0.3), (1.0, size)) for size in (0.1, 0.2, -0.05)],
+}
+
+
+def scenes_of(kind: str, sweep: str, v: float) -> list[Scene]:
+    members = SWEEPS[sweep]
+    if kind == "chain":
+        members = [tuple((order, size * COUPLING) for order, size in one) for one in members]
+    return [BUILDERS[kind](*terms, v=v) for terms in members]
+
+
+@spread(kind=BUILDERS, sweep=SWEEPS, v=[0.0, 0.4], degree=[1, 3])
+def test_members_of_different_orders_are_the_runs_of_their_own(kind, sweep, v, degree):
+    scenes, method = scenes_of(kind, sweep, v), Method(cq="gauss", degree=degree)
+    assert len({pattern_of(one) for one in scenes}) == 1
+    mesh = uniform_mesh(8.0, 100)
+    together = integrate_scenes(scenes, method, mesh)
+    for scene, own in zip(scenes, together, strict=True):
+        (alone,) = integrate_scenes([scene], method, mesh)
+        assert np.abs(alone.position - own.position).max() <= 1e-12
+    assert np.abs(together[0].position - together[1].position).max() > 1e-4
+
+
+@pytest.mark.parametrize("method", [Method(cq="bdf2", degree=1), Method(cq="gauss", degree=2)])
+def test_terms_in_any_order_make_the_same_motion(method):
+    terms = (1.5, 0.3), (0.5, 0.1)
+    scenes = [number(*(terms if k % 2 else terms[::-1])) for k in range(8)]
+    runs = integrate_members(scenes, method, 64)
+    assert np.abs(runs[0].position - runs[1].position).max() < 1e-13
+    np.testing.assert_array_equal(runs[0].position, runs[2].position)

@@ -1,5 +1,6 @@
-"""Zeros in a disc, the determinant of a step, and facts that are known of the methods."""
+"""Stability: zeros in a disc, determinants of steps, known facts of the methods, and maps."""
 
+import dataclasses
 import math
 
 import mpmath
@@ -8,6 +9,7 @@ import pytest
 from letters import oscillator, swing
 from spread import spread
 
+from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.determinants import (
     LinearSystems,
@@ -16,6 +18,7 @@ from fvi_cli.integrator.stability.determinants import (
 )
 from fvi_cli.integrator.stability.patterns import step_patterns
 from fvi_cli.integrator.stability.prediction import predict_stability
+from fvi_cli.integrator.stability.region import GROWTH_LEVELS, stability_map
 from fvi_cli.mathematics import zeros
 from fvi_cli.mathematics.zeros import (
     count_zeros,
@@ -152,11 +155,6 @@ def test_nothing_is_said_of_nonlinear_scenes():
     assert (prediction.verdict, prediction.reason) == ("unknown", "the scene is nonlinear")
 
 
-def test_the_number_of_steps_is_checked():
-    with pytest.raises(ValueError, match="n_steps: 0"):
-        predict_stability(oscillator(), nodes(1), 0)
-
-
 def logarithm_at(determinants, place):
     first = np.zeros(1, dtype=int)
     return determinants.logarithms(determinants.tabulate(place), first, first)[0]
@@ -188,36 +186,6 @@ def test_symbols_near_one_are_exact():
     assert np.exp(logarithm - reference) == pytest.approx(ratio, rel=1e-7)
 
 
-def test_many_coupled_modes_are_counted_as_one_by_one():
-    # eight oscillators in turned coordinates, counted by one determinant without their modes
-    random = np.random.default_rng(4)
-    stiffness, mu = random.uniform(0.5, 4.0, 8), random.uniform(0.1, 3.0, 8)
-    turn, _ = np.linalg.qr(random.standard_normal((8, 8)))
-    ones = np.ones(8)
-    diagonal = np.stack([ones, stiffness, mu], axis=1)
-    parts = LinearSystems(orders=(1.5,), forms=diagonal[..., None, None])
-    turned = [turn.T @ np.diag(entries) @ turn for entries in (ones, stiffness, mu)]
-    whole = LinearSystems(orders=(1.5,), forms=np.stack(turned)[None])
-    for method in (nodes(4, 2), points(6, 3)):
-        expected = count_zeros(step_determinants(parts, method, 0.1), 1 - 1e-4).sum()
-        together = step_determinants(whole, method, 0.1)
-        assert count_zeros(together, 1 - 1e-4) == expected >= 8
-
-
-def test_too_many_coupled_components_are_left_alone():
-    random = np.random.default_rng(4)
-    root = random.standard_normal((30, 30))
-    scene = oscillator(
-        1.0,
-        mass=np.eye(30),
-        stiffness=np.diag(np.arange(1.0, 31.0)),
-        damping=((1.5, root @ root.T),),
-    )
-    prediction = predict_stability(scene, nodes(1), 10)
-    assert prediction.verdict == "unknown"
-    assert "at most" in prediction.reason
-
-
 @pytest.mark.parametrize("distance", [0.0, 1e-14, 0.5])
 def test_step_equations_keep_their_digits_where_eigenvalues_of_the_symbol_meet(distance):
     """Those of Gauss2 meet at z = 7 - 4 sqrt(3); the mean over a circle is the value within."""
@@ -226,3 +194,134 @@ def test_step_equations_keep_their_digits_where_eigenvalues_of_the_symbol_meet(d
     centre = meeting + distance * np.exp(0.3j)
     mean = patterns(centre + circle).mean(axis=0)
     assert np.abs(patterns(np.array([centre]))[0] - mean).max() < 1e-11
+
+
+GAUSS = Method(cq="gauss", degree=2)
+NODES = Method(cq="bdf6", degree=1, sampling="nodes")
+
+
+PLANE_METHODS = (
+    NODES,
+    Method(cq="bdf4", degree=2),
+    Method(cq="bdf3", degree=3),
+    Method(cq="lobatto-iiic", degree=2),
+    Method(cq="lobatto-iiic", degree=3),
+    GAUSS,
+    Baseline(name="explicit-euler"),
+    Baseline(name="gruenwald-letnikov"),
+)
+
+
+def plane_determinants(method, order, stiffness, damping):
+    forms = np.stack([np.ones_like(stiffness), stiffness, damping], axis=1)[..., None, None]
+    return step_determinants(LinearSystems(orders=(order,), forms=forms), method, 1.0)
+
+
+@pytest.mark.few(3)
+@pytest.mark.parametrize("method", PLANE_METHODS, ids=lambda method: method.case)
+def test_a_map_says_what_the_determinants_say_one_by_one(method):
+    stiffness, damping = np.geomspace(1e-2, 1e5, 4), np.geomspace(1e-3, 1e3, 3)
+    for order in (0.4, 1.6):
+        found = stability_map(method, order, stiffness, damping)
+        for row, mu in enumerate(damping):
+            for column, k in enumerate(stiffness):
+                radii = [math.exp(-growth) for growth in GROWTH_LEVELS]
+                alone = plane_determinants(method, order, np.array([k]), np.array([mu]))
+                counts = [count_zeros(alone, one)[0] for one in radii]
+                level = next((n for n, count in enumerate(counts) if not count), len(counts))
+                assert found.level[row, column] == level, (order, k, mu)
+    assert found.share_stable == (1.0 if method is GAUSS else pytest.approx(0.5, abs=0.45))
+
+
+@spread(few=1, p=[4, 5, 6], degree=[1, 2, 3], order=[0.3, 1.5, 1.9], growth=[1e-3, 1e-2, 0.1])
+def test_counts_do_not_depend_on_where_the_points_begin(p, degree, order, growth):
+    """Modes come in pairs beside the circle; the control begins with too few points."""
+    random = np.random.default_rng(int(100 * order) + 10 * p + degree)
+    plane = plane_determinants(
+        Method(cq=f"bdf{p}", degree=degree, sampling="points"),
+        order,
+        10.0 ** random.uniform(-2, 4, 300),
+        10.0 ** random.uniform(-3, 3, 300),
+    )
+    radius = math.exp(-growth)
+    dense = dataclasses.replace(plane, degree=4 * plane.degree)
+    assert np.array_equal(count_zeros(plane, radius), count_zeros(dense, radius))
+
+
+def test_a_turn_beside_a_fast_change_is_counted():
+    """Three zeros outside at 1.57 rad: half an interval turns by 6 and seems to turn by 0.3."""
+    stiffness, damping = np.full(41, 5841.28), 929.889 * np.linspace(0.98, 1.02, 41)
+    method = Method(cq="bdf4", degree=3, sampling="points")
+    plane = plane_determinants(method, 1.9, stiffness, damping)
+    dense = dataclasses.replace(plane, degree=16 * plane.degree)
+    radius = math.exp(-0.1)
+    assert np.array_equal(count_zeros(plane, radius), count_zeros(dense, radius))
+
+
+def test_too_few_points_to_begin_with_would_be_noticed():
+    random = np.random.default_rng(6)
+    stiffness, damping = 10.0 ** random.uniform(-2, 4, 4000), 10.0 ** random.uniform(-3, 3, 4000)
+    plane = plane_determinants(Method(cq="bdf6", degree=2), 1.5, stiffness, damping)
+    few = dataclasses.replace(plane, degree=1)
+    assert np.any(count_zeros(plane, math.exp(-0.1)) != count_zeros(few, math.exp(-0.1)))
+
+
+def test_the_border_of_a_map_is_the_sawtooth_bound():
+    # mu h^(2 - gamma) gamma_6(-1)^gamma = 4 at little stiffness
+    damping = np.geomspace(1e-3, 1.0, 301)
+    found = stability_map(NODES, 1.5, np.array([1e-4]), damping)
+    border = damping[int((found.level[:, 0] == 0).sum())]
+    assert border == pytest.approx(4 / (416 / 15) ** 1.5, rel=0.03)
+
+
+def chain(n, *, ends_only):
+    stiffness = 2 * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
+    coupling = np.zeros((n, n))
+    coupling[0, 0] += 1.0
+    return oscillator(
+        200.0,
+        mass=np.eye(n),
+        stiffness=50 * stiffness,
+        damping=((0.5, coupling if ends_only else stiffness),),
+    )
+
+
+@pytest.mark.few(1)
+@pytest.mark.parametrize(
+    "method", [Method(cq="bdf4", degree=2), NODES, Method(cq="lobatto-iiic", degree=2)]
+)
+def test_long_chains_are_decided_mode_by_mode(method):
+    n, n_steps = 400, 400
+    scene = chain(n, ends_only=False)
+    together = predict_stability(scene, method, n_steps)
+    eigenvalues = 2 - 2 * np.cos(np.pi * np.arange(1, n + 1) / (n + 1))
+    alone = [
+        predict_stability(
+            oscillator(200.0, stiffness=50 * value, damping=((0.5, value),)), method, n_steps
+        )
+        for value in eigenvalues[:: 1 if method.degree == 1 else 40]
+    ]
+    assert together.growth_per_step >= (1 - 1e-6) * max(one.growth_per_step for one in alone)
+    assert together.verdict == "unstable"
+    if method.degree == 1:
+        worst = max(one.growth_per_step for one in alone)
+        assert together.growth_per_step == pytest.approx(worst, rel=1e-6)
+
+
+def test_large_scenes_without_modes_are_decided_where_that_is_proved():
+    scene = chain(100, ends_only=True)
+    prediction = predict_stability(scene, GAUSS, 100)
+    assert prediction.verdict == "stable"
+    assert "no step of the method gains energy" in prediction.reason
+    midpoint = Method(cq="bdf2", degree=1)
+    assert predict_stability(scene, midpoint, 100).verdict == "stable"
+    # controls: methods that may gain energy, and a scene that is fed
+    for method in (NODES, Method(cq="bdf3", degree=1), Method(cq="bdf2", degree=2)):
+        unknown = predict_stability(scene, method, 100)
+        assert unknown.verdict == "unknown"
+        assert "100 coupled components" in unknown.reason
+    (term,) = scene.damping
+    fed = dataclasses.replace(
+        scene, damping=(FractionalDamping(order=term.order, coefficient=-term.coefficient),)
+    )
+    assert predict_stability(fed, GAUSS, 100).verdict == "unknown"

@@ -79,11 +79,6 @@ def test_an_exact_singular_force_is_seen_wrong_by_the_points():
     assert last_order(scene, exact, plain, ladder) == pytest.approx(2.5, abs=0.1)
 
 
-def weights(*powers: float, bdf_order: int = 2) -> Method:
-    degree = (bdf_order + 1) // 2
-    return Method(cq=f"bdf{bdf_order}", degree=degree, start="weights", start_exponents=powers)
-
-
 CROWDED = (1.0, *(round(2.0 + 0.1 * k, 1) for k in range(9)))
 """Powers of a motion with order 1.9, too close to each other."""
 
@@ -97,18 +92,6 @@ def test_digits_of_the_inverse_are_those_of_more_digits(offset, powers):
         high = np.array(exact.tolist(), dtype=float).reshape(found.shape)
     assert np.allclose(found.astype(float), high, rtol=4e-16, atol=0)
     assert condition < 1e4 or len(powers) > 4
-
-
-@pytest.mark.parametrize(
-    ("powers", "bdf_order", "n_steps", "words"),
-    [(CROWDED, 2, 100, "too few digits"), ((1.0, 2.5, 3.0, 4.0, 4.5), 6, 4, "5 steps or more")],
-)
-def test_weights_without_digits_or_steps_are_refused(powers, bdf_order, n_steps, words):
-    scene = swing((1.9, 0.3), T=4.0, x=1.0, v=0.3)
-    degree = (bdf_order + 1) // 2
-    method = Method(cq=f"bdf{bdf_order}", degree=degree, start="weights", start_exponents=powers)
-    with pytest.raises(ValueError, match=words):
-        integrate(scene, method, n_steps)
 
 
 def test_the_limit_of_the_condition_keeps_digits():

@@ -223,6 +223,15 @@ def test_a_motion_that_blows_up_ends_with_what_was_finished():
     assert found.time[-1] < 30.0
 
 
+def test_no_step_is_longer_than_asked_for():
+    longest = [
+        np.diff(integrate(PENDULUM, gauss(4), AdaptiveSteps(tolerance=1e-2, **more)).time).max()
+        for more in ({"max_step": 0.1}, {})
+    ]
+    assert longest[0] <= 0.1 * (1 + 1e-12)
+    assert longest[1] > 0.3
+
+
 def test_the_most_steps():
     found = integrate(PENDULUM, gauss(4), AdaptiveSteps(tolerance=1e-9, most_steps=12))
     assert found.status == "failed"

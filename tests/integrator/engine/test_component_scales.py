@@ -13,9 +13,7 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.baselines import solve_implicit
 from fvi_cli.integrator.engine import newton
-from fvi_cli.integrator.failure import StepFailedError
 from fvi_cli.integrator.integrate import integrate, integrate_members
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -73,19 +71,6 @@ def test_a_motion_does_not_feel_the_size_of_another(kind, ratio, method, small_f
     assert found.position[:, place] == pytest.approx(expected.position[:, 0], abs=2e-12)
 
 
-@pytest.mark.parametrize("ratio", [1e-9, 1e9])
-@pytest.mark.parametrize("method", METHODS[:1] + METHODS[-2:], ids=lambda one: one.case)
-def test_members_of_a_batch(ratio, method):
-    both, alone, place = pair("linear beside a pendulum", ratio, small_first=False)
-    others = [
-        scene("vx**2/2 + cos(x) + vy**2/2 + cos(y)", ("x", 1, 0), ("y", size, 0))
-        for size in (1e-6, 3.0)
-    ]
-    found = integrate_members([others[0], both, others[1]], method, 60)[1]
-    expected = integrate(alone, method, 60)
-    assert found.position[:, place] == pytest.approx(expected.position[:, 0], abs=2e-12)
-
-
 def test_a_scale_for_all_is_seen():
     """The control: one scale for all components."""
     largest = newton.largest
@@ -123,30 +108,6 @@ def test_the_broken_symmetry_of_a_spring_pendulum(small, turned, n_steps):
     assert np.abs(path[:, 1] - exact[:, 1]).max() < 1e-9
 
 
-MOMENTA = {
-    "vx**2/2 + vx**4/4": lambda v: v + v**3,
-    "-sqrt(1 - vx**2)": lambda v: v / np.sqrt(1 - v * v),
-    "sqrt(1 + vx**2)": lambda v: v / np.sqrt(1 + v * v),
-    "log(cosh(vx)) + vx**2/100": lambda v: np.tanh(v) + v / 50,
-    "vx**2/2 + vx**10/10": lambda v: v + v**9,
-}
-
-
-@pytest.mark.parametrize("kinetic", MOMENTA)
-def test_velocities_of_momenta(kinetic):
-    speeds = np.array([0.0, 1e-9, -1e-4, 0.1, -0.5, 0.7, 0.9, -0.99])
-    if "1 - vx" not in kinetic:
-        speeds = np.append(speeds, [3.0, -5.0])
-    lagrangian = scene(f"{kinetic} - x**2/2", ("x", 0.5, 0.0)).lagrangian
-    found = lagrangian.velocity(np.zeros((speeds.size, 1)), MOMENTA[kinetic](speeds)[:, None], 0.0)
-    assert found[:, 0] == pytest.approx(speeds, rel=1e-12, abs=1e-300)
-
-
-def test_no_velocity_is_not_a_number():
-    lagrangian = scene("sqrt(1 + vx**2) - x**2/2", ("x", 0.5, 0.0)).lagrangian
-    assert np.isnan(lagrangian.velocity(np.zeros((1, 1)), np.array([[1.5]]), 0.0)).all()
-
-
 @pytest.mark.few(2)
 @spread(
     **{
@@ -174,23 +135,6 @@ def test_kinetic_energies_that_are_not_quadratic(lagrangian, rate, speed, n_step
     assert found.energy == pytest.approx(np.full(found.time.size, found.energy[0]), rel=1e-7)
 
 
-@spread(constant=[1e-8, 1e-3, 1.0, 1e3, 1e8], guess=[0.0, 1.0, -50.0])
-def test_cubic_equations_of_implicit_baselines(constant, guess):
-    potential = scene("vx**2/2 - x**4/4", ("x", 1.0, 0.0)).potential
-    found, _ = solve_implicit(
-        np.eye(1),
-        np.array([constant]),
-        potential,
-        np.array([guess]),
-        base=np.zeros(1),
-        factor=1.0,
-        weight=1.0,
-    )
-    # u + u^3 = c with u = 2 / sqrt(3) sinh(s)
-    exact = 2 / np.sqrt(3) * np.sinh(np.arcsinh(constant * np.sqrt(27) / 2) / 3)
-    assert found[0] == pytest.approx(exact, rel=1e-13)
-
-
 def test_the_first_step_of_implicit_euler():
     fast = lagrangian_scene(
         final_time=0.5, coordinates=("x",), lagrangian="vx**2/2 - x**4", initial_velocity=[30.0]
@@ -199,18 +143,3 @@ def test_the_first_step_of_implicit_euler():
     # v + h dV/dx(h v) = v0
     speed = found.momentum[1, 0]
     assert speed + 0.5 * 4 * (0.5 * speed) ** 3 == pytest.approx(30.0, rel=1e-13)
-
-
-def test_an_equation_without_a_solution_is_a_failure():
-    potential = scene("vx**2/2 - x**3/3", ("x", 1.0, 0.0)).potential
-    with pytest.raises(StepFailedError, match="did not converge"):
-        solve_implicit(
-            np.eye(1),
-            # u + u^2 >= -1/4
-            np.array([-5.0]),
-            potential,
-            np.zeros(1),
-            base=np.zeros(1),
-            factor=1.0,
-            weight=1.0,
-        )

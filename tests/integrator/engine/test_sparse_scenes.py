@@ -11,20 +11,14 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import (
     Factored,
-    indefinite_words,
-    is_semidefinite,
-    is_sparse,
     symmetric_form,
 )
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.memory.reach import find_damper_forms
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.integrator.stability.prediction import predict_stability
-from fvi_cli.scenes.registry import build_scene
 
 GAUSS = Method(cq="gauss", degree=2, start="graded")
 
@@ -68,13 +62,6 @@ def test_the_motion_is_that_of_dense_matrices(orders):
     assert np.abs(difference).max() < 1e-11
 
 
-@pytest.mark.parametrize(("cq", "degree"), [("gauss", 5), ("lobatto-iiic", 3)])
-def test_so_it_is_for_methods_of_many_stages(cq, degree):
-    method = Method(cq=cq, degree=degree, start="none")
-    one, two = (integrate(row_of_masses(48, sparse=s), method, 20) for s in (True, False))
-    assert np.abs(one.position - two.position).max() < 1e-12
-
-
 def test_so_it_is_in_adaptive_steps():
     steps = AdaptiveSteps(tolerance=1e-6)
     one = integrate(row_of_masses(40, sparse=True), Method(cq="gauss", degree=4), steps)
@@ -109,27 +96,6 @@ def test_turned_coordinates_of_large_scenes_turn_the_motion(degree):
     assert np.abs(one.position @ turn.T - two.position).max() < 1e-10
 
 
-def test_states_stand_on_directions_and_not_on_degrees_of_freedom():
-    scene = row_of_masses(300, sparse=True, orders=(0.5,))
-    engine = engine_for([scene], GAUSS, mesh_for(scene, GAUSS, 200))
-    assert engine.start().z.shape == (1, engine.n_states, 3)
-
-
-def test_terms_on_overlapping_directions_share_their_forms():
-    rows = differences(60, (5, 9))
-    terms = [
-        FractionalDamping(order=0.5, coefficient=Factored(rows=rows, inner=np.eye(2))),
-        FractionalDamping(order=0.7, coefficient=Factored(rows=rows[1:], inner=np.eye(1))),
-    ]
-    reach = find_damper_forms(terms)
-    assert reach.count == 2
-    values = np.random.default_rng(1).standard_normal(60)
-    for term in terms:
-        inner = reach.inner(term)
-        force = reach.spread(np.asarray(inner @ reach.along(values)))
-        assert force == pytest.approx(term.coefficient @ values, abs=1e-14)
-
-
 def test_nothing_of_size_d_by_d_is_made():
     n = 3000
     scene = row_of_masses(n, sparse=True)
@@ -142,51 +108,6 @@ def test_nothing_of_size_d_by_d_is_made():
         tracemalloc.stop()
     assert trajectory.status == "ok"
     assert peak < 0.3 * 8 * n * n
-
-
-def test_definite_or_not_is_told_without_eigenvalues():
-    n = 100
-    matrix = second_differences(n)
-    least = 2.0 - 2.0 * np.cos(np.pi / (n + 1))
-    for shift, expected in ((0.0, True), (-0.99 * least, True), (-1.01 * least, False)):
-        shifted = symmetric_form(csr_array(matrix + shift * diags_array(np.ones(n))), "K")
-        assert (not indefinite_words(shifted)) is expected
-    free = matrix.tolil()
-    free[0, 0] = free[-1, -1] = 1.0
-    singular = symmetric_form(csr_array(free), "K")
-    assert is_semidefinite(singular)
-    assert indefinite_words(singular) or np.linalg.eigvalsh(singular.toarray())[0] > -1e-12
-
-
-def test_the_entry_that_is_wrong_is_named():
-    matrix = second_differences(40).tolil()
-    matrix[3, 4] = -2.0
-    with pytest.raises(ValueError, match="row 4, column 5 differs by -1 from its mirror image"):
-        symmetric_form(csr_array(matrix), "stiffness")
-    matrix[3, 4] = matrix[4, 3] = np.nan
-    with pytest.raises(ValueError, match="row 4, column 5 is nan; every entry must be finite"):
-        symmetric_form(csr_array(matrix), "stiffness")
-    with pytest.raises(ValueError, match="must be positive definite"):
-        Inertia(mass=csr_array(diags_array(np.append(np.ones(39), 0.0))))
-
-
-def test_a_tall_frame_is_sparse_and_the_same():
-    storeys = 250
-    stiffness = np.linspace(2.0, 1.0, storeys)
-    scene = build_scene(
-        {
-            "kind": "frame",
-            "stiffnesses": stiffness.tolist(),
-            "damping": [{"order": 0.5, "coefficient": 1.0, "acts_on": ["x1", "x40 - x39"]}],
-            "dampers": [{"order": 1.0, "coefficient": 0.1}],
-            "final_time": 1.0,
-        }
-    )
-    assert scene.is_sparse
-    assert all(is_sparse(term.form) for term in scene.damping)
-    upper = np.append(stiffness[1:], 0.0)
-    bands = np.diag(stiffness + upper) - np.diag(upper[:-1], 1) - np.diag(upper[:-1], -1)
-    assert np.array_equal(scene.stiffness, bands)
 
 
 @pytest.mark.parametrize("sparse", [True, False])

@@ -10,7 +10,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.integrator.engine import blocks
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
-from fvi_cli.integrator.integrate import integrate, integrate_members
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -72,29 +72,6 @@ def test_nonlinear_blocks_are_single_steps(monkeypatch, method, order, kind):
     assert np.abs(found.position - expected.position).max() < 1e-10
 
 
-@spread(method=METHODS, linear=[True, False], n=[50, 700])
-def test_members_of_a_batch_are_what_they_are_alone(method, linear, n):
-    """Two of them are stiff enough for blocks to fail."""
-    if linear:
-        scenes = [spring((0.5, 0.1 * k), T=10.0, k=2.0**k, x=1.0) for k in range(1, 9)]
-    else:
-        scenes = [
-            lagrangian_scene(
-                final_time=10.0,
-                coordinates=("x",),
-                lagrangian="vx**2/2 - x**2/2 - x**4/4",
-                damping=[FractionalDamping(order=0.5, coefficient=0.1 * np.eye(1))],
-                initial_position=[size],
-            )
-            for size in (0.1, 1.0, 2.0, 7.0, 15.0)
-        ]
-    for one, scene in zip(integrate_members(scenes, method, n), scenes, strict=True):
-        alone = integrate(scene, method, n)
-        assert one.status == alone.status
-        assert one.time.size == alone.time.size
-        assert np.abs(one.position - alone.position).max() < 1e-10
-
-
 @spread(bdf_order=[1, 2, 4], degree=[1, 2], terms=[1, 3])
 def test_recurrences_keep_what_near_lags_cause(bdf_order, degree, terms):
     """The recurrence has a few combinations of lags; blocks have all of them."""
@@ -122,16 +99,6 @@ def test_recurrences_keep_what_near_lags_cause(bdf_order, degree, terms):
         engine.accept(other, steps, (k + 1) * 64 * h)
     assert np.abs(state.x - other.x).max() < 1e-12
     assert np.abs(state.z[:, -1] - other.z[:, -1]).max() < 1e-9
-
-
-def test_a_block_that_overflows_ends_where_its_steps_do(monkeypatch):
-    scene = spring((1.5, 0.3), T=400.0, k=4.0, x=1.0)
-    method = Method(cq="bdf6", degree=1, sampling="nodes")
-    found = integrate(scene, method, 2000)
-    monkeypatch.setattr(blocks, "STEPS_OF_BLOCK", 1)
-    expected = integrate(scene, method, 2000)
-    assert found.status == expected.status == "failed"
-    assert abs(found.time.size - expected.time.size) <= 1
 
 
 @pytest.mark.parametrize("degree", [1, 3])

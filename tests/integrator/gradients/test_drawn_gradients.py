@@ -10,7 +10,6 @@ from spread import few_of
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.gradients import linearised
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.gradients.linearised import LinearisedRun, Maps
 from fvi_cli.integrator.gradients.parameters import entries_of
@@ -145,19 +144,3 @@ def test_without_the_past_it_would_fail(seed, monkeypatch):
 
     monkeypatch.setattr(LinearisedRun, "_maps", forgetful)
     assert np.abs(run.adjoint(ones, rest, none).position / found - 1.0).max() > 1e-5
-
-
-@pytest.mark.parametrize("seed", range(8))
-def test_parts_of_any_length(seed, monkeypatch):
-    """What steers memory does not steer results."""
-    scene, method, mesh = drawn(seed)
-    run = LinearisedRun(scene, method, run_steps(scene, method, mesh))
-    rng = np.random.default_rng(seed)
-    by_position = rng.normal(size=run.steps.position.shape)
-    by_velocity = rng.normal(size=run.steps.velocity.shape)
-    by_force = rng.normal(size=(len(run.coefficients), *by_velocity.shape))
-    expected = run.adjoint(by_position, by_velocity, by_force)
-    monkeypatch.setattr(linearised, "AT_ONCE", 300)
-    found = run.adjoint(by_position, by_velocity, by_force)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=1e-12 * np.abs(other).max())

@@ -14,15 +14,13 @@ import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.along import Along
-from fvi_cli.integrator.gradients.gradient import gradient_of, jacobians, run_steps
+from fvi_cli.integrator.gradients.gradient import gradient_of, run_steps
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
-from fvi_cli.integrator.gradients.parameters import entries_of
 from fvi_cli.integrator.gradients.quantity import (
     acceleration_at,
     misfit,
     position_at,
     quantity_at,
-    velocity_at,
 )
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import graded_mesh
@@ -233,35 +231,3 @@ def test_the_force_of_one_damper_by_initial_data(terms):
 
     initial = ("initial_position", "initial_velocity")
     assert misses(scene, GAUSS3, 40, quantity, value, initial).max() < 1.0
-
-
-def test_both_ways_and_a_misfit():
-    times = np.linspace(0.2, 5.9, 23)
-    data = np.cos(times)
-    quantity = misfit(times, data, deviation=0.3)
-    scene = PENDULUM
-    backwards = gradient_of(scene, GAUSS8, 12, quantity, changes(scene))
-    run = LinearisedRun(scene, GAUSS8, run_steps(scene, GAUSS8, 12))
-    names = Observations(coordinates=names_of(scene))
-    position = Along(run, times, quantity.expression(names, scene), names)
-    left = (position.values - data) / 0.3
-    assert backwards.value == pytest.approx(0.5 * left @ left, rel=1e-14)
-    expected = left @ jacobians(run, [position], changes(scene))[0] / 0.3
-    np.testing.assert_allclose(backwards.derivatives, expected, rtol=1e-11)
-
-
-def test_springs_and_dampers_of_masses_apart():
-    springs, dampers = 1.2 + 0.1 * np.arange(25), 0.1 + 0.01 * np.arange(25)
-    term = 0.5, np.diag(dampers)
-    chain = spring(term, T=2.0, m=np.eye(25), k=np.diag(springs), x=np.ones(25))
-    entries = entries_of(chain)
-    by = [
-        entries[name].parameter((k, k))
-        for name in ("stiffness", "damping.0.coefficient")
-        for k in range(25)
-    ]
-    method = Method(cq="gauss", degree=2, start="none")
-    found = gradient_of(chain, method, 8, velocity_at(2.0, 3), by)
-    # masses apart from each other: only its own spring and damper count
-    sizes = np.abs(found.derivatives)
-    assert np.flatnonzero(sizes > 1e-11 * sizes.max()).tolist() == [3, 28]

@@ -4,15 +4,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from letters import spring, swing
+from letters import spring
 
 import fvi_cli as fvi
-from fvi_cli.effects.scene import Scene
 from fvi_cli.scenes.registry import build_problem
-
-
-def pendulum(omega: float = 1.2, x: float = 2.0) -> Scene:
-    return swing((0.6, 0.3), T=6.0, omega=omega, x=x, v=0.4, forcing="0.3*sin(2*t)")
 
 
 def test_numbers_of_a_scene_by_name():
@@ -72,7 +67,7 @@ FRAME = {
     },
     "method": {"rk": "gauss", "degree": 8},
     "ladder": {"steps": [16]},
-    "quantities": {"drift": "x2 - x1", "felt": "ax2 + ground_acceleration", "heat": "work_1"},
+    "quantities": {"drift": "x2 - x1", "felt": "ax2 + ground_acceleration"},
 }
 
 
@@ -93,34 +88,3 @@ def test_quantities_of_an_experiment():
         text = FRAME["quantities"][name]
         again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), {"order": 0.5})
         assert again["order"] == pytest.approx(float(found["damping.0.order"]), rel=1e-9)
-    with pytest.raises(ValueError, match="work_1 adds up"):
-        fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at("heat", 1.3), names)
-    bouncing = {**FRAME, "impacts": {"wall": {"when": "x1 + 0.05"}}}
-    (experiment,) = fvi.load(bouncing).experiments
-    with pytest.raises(ValueError, match="impacts: a motion that bounces has no derivatives"):
-        fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at("drift", 1.3), names)
-
-
-def test_parameters_in_expressions():
-    """Energies have the numbers of the scene in them, also where these stand for themselves."""
-
-    # the argument x is the angle at the start, the x in an expression that of the time
-    energy = "vx**2/2 + omega**2*(1 - cos(x))"
-    given = {"omega": 1.2, "x": 2.0}
-    found = fvi.gradient(pendulum, "gauss8", 24, fvi.quantity_at(energy, 2.5), given)
-    named = fvi.gradient(
-        pendulum(), "gauss8", 24, fvi.quantity_at(energy, 2.5), ["potential.omega"]
-    )
-    assert found["omega"] == pytest.approx(float(named["potential.omega"]), rel=1e-9)
-    sides = [
-        fvi.integrate(
-            pendulum(1.2 + h),
-            "gauss8",
-            24,
-            quantities={"e": energy},
-            output=[2.5],
-            parameters={"omega": 1.2 + h},
-        ).observed.quantities["e"][0]
-        for h in (1e-4, -1e-4)
-    ]
-    assert found["omega"] == pytest.approx((sides[0] - sides[1]) / 2e-4, rel=1e-6)

@@ -90,19 +90,6 @@ def test_forces_with_drawn_numbers_over_long_times(seed):
         assert float(found[name]) == pytest.approx(exact[name], rel=1e-8, abs=1e-10 * size), name
 
 
-def test_a_fixed_difference_would_not_pass():
-    """The control: what a difference of 1e-3 of the frequency makes of it at T = 1000."""
-    values, force = {"w": 5.0}, lambda t, w: np.sin(w * t)
-    exact = by_integral(force, values, 1000.0)["w"]
-
-    def motion(w: float) -> float:
-        return float((math.sin(w * 1000.0) - w * math.sin(1000.0)) / (1 - w * w))
-
-    h = 5e-3
-    rough = 2 / 3 * (motion(5 + h) - motion(5 - h)) - (motion(5 + 2 * h) - motion(5 - 2 * h)) / 12
-    assert rough / h != pytest.approx(exact, rel=1e-2)
-
-
 def test_named_constants_pieces_and_factors_of_samples():
     values = {"w": 3.0, "c": 0.7, "s": 2.5}
     knots = np.linspace(0.0, 60.0, 241)
@@ -177,24 +164,6 @@ def test_expressions_with_a_frequency_in_them():
     found = gradient(family, "gauss6", 4000, of, {"w": 5.0})
     exact = math.cos(1000.0) * 1000.0 * math.cos(5000.0)
     assert float(found["w"]) == pytest.approx(exact, rel=1e-8)
-
-
-def test_numbers_inside_texts_are_refused():
-    def family(w: float) -> Scene:
-        return linear_oscillator(final_time=3.0, forcing=Forcing.from_text(f"sin({w}*t)"))
-
-    with pytest.raises(ValueError, match=r"w: the scene has another form near 5; .* with a name"):
-        gradient(family, "gauss6", 40, position_at(3.0), {"w": 5.0})
-
-
-def test_parameters_of_forces_by_name():
-    forcing = force_of("sin(w*t)*c**3", {"w": 3.0, "c": 0.7})
-    scene = linear_oscillator(final_time=20.0, forcing=forcing)
-    names = ["forcing.w", "forcing.c"]
-    found = gradient(scene, "gauss6", 100, position_at(20.0), names)
-    exact = by_integral(lambda t, w, c: np.sin(w * t) * c**3, {"w": 3.0, "c": 0.7}, 20.0)
-    for name, expected in exact.items():
-        assert float(found[f"forcing.{name}"]) == pytest.approx(expected, rel=1e-8)
 
 
 def test_parameters_of_a_configuration_by_name():

@@ -1,7 +1,7 @@
 """Functions of the integration matrix of a mesh, in as many digits as they need."""
 
 from collections.abc import Callable
-from functools import cache, reduce
+from functools import cache
 
 import mpmath as mp
 import numpy as np
@@ -17,42 +17,16 @@ _APART = 24
 
 def gauss_method(m: int) -> tuple[mp.matrix, list[mp.mpf], list[mp.mpf]]:
     """Matrix, weights and nodes of the Gauss method in the working precision."""
-    nodes = [(1 + _legendre_root(m, start)) / 2 for start in np.polynomial.legendre.leggauss(m)[0]]
-    matrix, weights = mp.matrix(m), []
-    for j in range(m):
-        poly = [mp.mpf(1)]
-        for i in range(m):
-            if i != j:
-                gap = nodes[j] - nodes[i]
-                poly = [
-                    (poly[k] if k < len(poly) else 0) / gap
-                    - (nodes[i] * poly[k - 1] / gap if k else 0)
-                    for k in range(len(poly) + 1)
-                ]
-        integral = [c / (len(poly) - k) for k, c in enumerate(poly)] + [mp.mpf(0)]
-        weights.append(_value(integral, mp.mpf(1)))
-        for i in range(m):
-            matrix[i, j] = _value(integral, nodes[i])
-    return matrix, weights, nodes
-
-
-def _value(coefficients: list[mp.mpf], x: mp.mpf) -> mp.mpf:
-    """A polynomial, highest power first."""
-    return reduce(lambda total, one: total * x + one, coefficients, mp.mpf(0))
-
-
-def _legendre_root(m: int, start: float) -> mp.mpf:
-    """The root of the Legendre polynomial near a start, by Newton's iteration."""
-    x = mp.mpf(float(start))
-    for _ in range(20):
-        before, here = mp.mpf(1), x
-        for k in range(2, m + 1):
-            before, here = here, ((2 * k - 1) * x * here - (k - 1) * before) / k
-        step = here * (x * x - 1) / (m * (x * here - before))
-        x -= step
-        if abs(step) < mp.mpf(10) ** (-mp.mp.dps // 2 - 5):
-            return x
-    raise ArithmeticError("Newton's iteration for a node has no end")
+    starts = np.polynomial.legendre.leggauss(m)[0].tolist()
+    nodes = [
+        (1 + mp.findroot(lambda x: mp.legendre(m, x), (start, start + 1e-9))) / 2
+        for start in starts
+    ]
+    # exact for all powers below m
+    moments = mp.inverse(mp.matrix([[c**k for k in range(m)] for c in nodes]))
+    matrix = mp.matrix([[c ** (k + 1) / (k + 1) for k in range(m)] for c in nodes]) * moments
+    ones = mp.matrix([[mp.mpf(1) / (k + 1) for k in range(m)]]) * moments
+    return matrix, list(ones), nodes
 
 
 def _whole_hundreds(digits: int) -> int:

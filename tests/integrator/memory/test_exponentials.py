@@ -1,7 +1,5 @@
 """Powers of integration on any mesh against powers of the mesh's matrix."""
 
-import itertools
-
 import numpy as np
 import pytest
 from mesh_powers import Array, gauss_operator, mesh_power, meshes
@@ -103,17 +101,6 @@ def test_rates_that_end_too_early_are_seen():
     assert block_error(dense(memory, steps, 2)[0], exact, 2) > 1e-9
 
 
-@spread(kind=KINDS, m=[1, 3, 8, 10])
-def test_powers_add_up(kind, m):
-    steps = meshes(24)[kind]
-    values = np.random.default_rng(1).standard_normal((24, m, 2))
-    memory = memory_for((0.3, 0.45, 0.75), steps, m)
-    first = apply(memory, steps, values)
-    twice = apply(memory, steps, first[0])[1]
-    scale = np.abs(first[2]).max(axis=(1, 2), keepdims=True)
-    assert np.abs((twice - first[2]) / scale).max() < 1e-12
-
-
 @spread(kind=KINDS, m=[1, 2, 5, 8])
 def test_the_adjoint_is_the_power_on_the_reversed_mesh(kind, m):
     steps, method = meshes(24)[kind], tableau("gauss", m)
@@ -148,28 +135,6 @@ def test_all_families_agree_with_dense_resolvents(name):
         assert step.changes(2)[j] == pytest.approx(decay**2 - 1, rel=1e-10)
 
 
-@spread(count=[1, 3, 7], members=[1, 4])
-def test_blocks_and_parts_of_them_are_their_steps(count, members):
-    h, size = 0.05, 7
-    memory = Exponentials(
-        Method(cq="gauss", degree=3), (-0.8, 0.25), shortest_step=h, final_time=1.0, steps=None
-    )
-    block = memory.kernels(h, size)
-    values = np.random.default_rng(4).standard_normal((members, size + count, 3, 2))
-    expected = np.stack([apply(memory, np.full(size + count, h), own) for own in values], axis=1)
-    states = np.zeros((members, memory.n_states, 2))
-    for first, taken in ((0, size), (size, count)):
-        own = values[:, first : first + taken]
-        for k, one in enumerate(powers_of(memory)):
-            force = block.past([states], [one], taken).reshape(own.shape)
-            for n, past in itertools.product(range(taken), repeat=2):
-                if past <= n:
-                    force[:, n] += block.sequence[k, n - past] @ own[:, past]
-            exact = expected[k, :, first : first + taken]
-            assert np.allclose(force, exact, rtol=0, atol=1e-12)
-        states = block.push(states, own.reshape(members, -1, 2), taken)
-
-
 @spread(theta=[-0.9, -0.5, 0.5, 0.9], kind=KINDS)
 def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
     steps, m = meshes(20)[kind], 4
@@ -199,14 +164,3 @@ def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
             stored + dissipated, rel=0, abs=1e-11 * (dissipated + abs(work))
         )
         states = following
-
-
-def test_rates_serve_all_exponents_and_weights_are_those_of_each():
-    numbers = {"shortest_step": 0.01, "final_time": 9.0, "stages": 3, "steps": 100}
-    exponents = (-0.99, -0.3, 0.0, 0.5, 1.0 - 2.0**-53)
-    together = power_kernel(exponents, **numbers)
-    for theta, weights in zip(exponents, together.weights, strict=True):
-        alone = power_kernel((theta,), **numbers)
-        np.testing.assert_array_equal(alone.rates, together.rates)
-        np.testing.assert_array_equal(alone.weights[0], weights)
-    assert not together.weights[2].any()

@@ -1,6 +1,5 @@
 """What a step is believed for: forces that its stages do not see."""
 
-import math
 import os
 
 import numpy as np
@@ -57,23 +56,6 @@ def pulse(shape: str, middle: float, width: float, beside: str = "") -> Forcing:
     return Forcing.from_text("2*(" + SHAPES[shape].replace("{u}", u) + ")" + beside)
 
 
-@pytest.mark.parametrize("width", [0.03, 0.003])
-def test_a_narrow_wall_is_met(width):
-    wall = f"0.5*vx**2 - 5*exp(-((x - 2)/{width})**2)"
-    found = run(one_coordinate(wall, 0.0, 1.0, 4.0), 1e-6)
-    # from the exact turning point a time of flight back: the ball stands where V = 1/2
-    turn = width * math.sqrt(math.log(10.0))
-    nodes, weights = np.polynomial.legendre.leggauss(400)
-    u = 0.5 * (nodes + 1.0)
-    # x = x0 - (distance) u^2 takes the root out of the integrand
-    top = 2.0 - turn
-    x = top - top * u**2
-    energy = 0.5 - 5.0 * np.exp(-(((x - 2.0) / width) ** 2))
-    speed = np.sqrt(2.0 * np.maximum(energy, 1e-300))
-    one_way = float((0.5 * weights * 2.0 * top * u / speed).sum())
-    assert found.position[-1, 0] == pytest.approx(2.0 * one_way - 4.0, abs=3e-6)
-
-
 def test_no_more_steps_on_smooth_scenes():
     """Steps that the Legendre tail alone took."""
     scene = swing((0.5, np.array([[0.3]])), T=20.0, x=1.0)
@@ -125,13 +107,6 @@ def test_samples_are_few_beside_a_pulse_and_all_of_it(seed):
         assert kept.size < looks.SAMPLES / 8
         near = np.abs(found.times - middle) < width
         assert np.isin(found.times[near], kept).all()
-
-
-def test_gentle_forces_are_not_sampled_and_pieces_each():
-    assert looks.sample_forcing(Forcing.from_text("sin(3*t) + t**2"), 2.0) == ()
-    first, second = looks.sample_forcing(in_pieces("exp(-t)", 1.0, "1/(1 + t)"), 2.0)
-    assert first.times[-1] < 1.0 < second.times[0]
-    assert first.times.size == second.times.size == looks.SAMPLES // 2
 
 
 def test_what_a_pulse_moves_is_met_and_not_without_the_looks(monkeypatch):

@@ -1,11 +1,22 @@
-"""Meshes as values: points, shares, and what cannot be built."""
+"""Meshes as values: points, shares, and equal steps that are halved towards singular points."""
+
+import math
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from letters import spring
+from oracles.linear_response import match_scene
 from spread import spread
 
+from fvi_cli.effects.forcing import Forcing
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.graded import (
+    WINDOW_SHARE,
+    graded_start_mesh,
+    start_power,
+)
 from fvi_cli.integrator.meshes.mesh import (
     Mesh,
     graded_mesh,
@@ -14,21 +25,12 @@ from fvi_cli.integrator.meshes.mesh import (
     share_steps,
     uniform_mesh,
 )
+from fvi_cli.integrator.method import Method
 
 
 def fresh(mesh: Mesh) -> list[float]:
     """Times at which the motion may be singular."""
     return [one.begin for one in mesh.stretches if one.is_fresh]
-
-
-@pytest.mark.parametrize("n_steps", [1, 3, 7, 1000])
-def test_equal_steps_are_one_stretch(n_steps):
-    mesh = uniform_mesh(3.0, n_steps)
-    assert len(mesh.stretches) == 1
-    assert mesh.n_steps == mesh.n_reported == n_steps
-    assert mesh.shortest_step == 3.0 / n_steps
-    assert mesh.final_time == 3.0
-    assert fresh(mesh) == [0.0]
 
 
 def test_break_points_on_the_grid_leave_the_steps_equal():
@@ -86,17 +88,92 @@ def test_a_mesh_goes_through_given_points():
     assert fresh(mesh) == [0.0, 0.3]
 
 
+Array = np.ndarray
+
+
+def graded(n_steps: int, power: float | None, m: int = 4, breaks: tuple[float, ...] = ()) -> Mesh:
+    return graded_start_mesh(uniform_mesh(3.0, n_steps, breaks), stages=m, exponent=lambda _: power)
+
+
+def reported(mesh: Mesh) -> Array:
+    ends = np.cumsum([one.n_steps for one in mesh.stretches])
+    kept = [end - one.n_steps + one.reported for end, one in zip(ends, mesh.stretches, strict=True)]
+    return mesh.times[np.concatenate([[0], *kept]).astype(int)]
+
+
+@spread(n_steps=[1, 2, 3, 8, 17, 100, 1000, 6000], m=[1, 2, 4, 8], power=[1.1, 2.5, 3.5, 3.95])
+def test_the_reported_points_are_the_uniform_grid(n_steps, m, power):
+    mesh = graded(n_steps, power, m)
+    at = reported(mesh)
+    assert mesh.n_reported == n_steps == at.size - 1
+    assert np.allclose(at, 3.0 / n_steps * np.arange(n_steps + 1), rtol=1e-13, atol=1e-15)
+    every = mesh.times
+    assert (np.diff(every) > 0).all()
+    assert every.size - 1 == mesh.n_steps
+    # sizes are halves of halves to the last bit, so that tables are shared
+    halvings = [math.log2(3.0 / n_steps / one.step_size) for one in mesh.stretches]
+    several = [k for k, one in zip(halvings, mesh.stretches, strict=True) if one.n_steps > 1]
+    assert all(k == round(k) for k in several)
+    assert fresh(mesh) == [0.0]
+
+
+@pytest.mark.parametrize(("m", "power"), [(2, 2.5), (3, 2.5), (4, 2.1), (4, 3.7)])
+def test_steps_grow_like_those_of_a_graded_mesh(m, power):
+    """Behind the first grid point no step is longer than the law of the grading has it."""
+    n_steps = 2048
+    at, h = graded(n_steps, power, m).times, 3.0 / n_steps
+    r = (2 * m + 0.5) / power
+    begin, sizes = at[:-1], np.diff(at)
+    window = n_steps // WINDOW_SHARE
+    inside = (begin >= h) & (begin < window * h * (1 - 1e-9))
+    law = h * (begin[inside] / (window * h)) ** (1 - 1 / r)
+    assert (sizes[inside] <= 1.01 * law).all()
+    # halving: never shorter than a quarter of it
+    assert (sizes[inside] >= 0.24 * law).all()
+    assert np.allclose(sizes[begin >= window * h * (1 - 1e-9)], h, rtol=1e-9)
+    # a control: the first steps of the uniform grid break that law
+    assert h > 2 * law[0]
+
+
+@pytest.mark.parametrize("power", [1.1, 2.5, 3.95])
+def test_steps_are_cut_until_the_power_of_t_is_round_off(power):
+    mesh = graded(1000, power)
+    finest = next(one.step_size for one in mesh.stretches if one.reported_every)
+    first, second = (mesh.times[1:3] / finest) ** power
+    assert first <= 1e-16 < second
+
+
+def oscillator(order: float, *, position: float, velocity: float, **more):
+    return spring((order, 1.0), T=1.0, x=position, v=velocity, **more)
+
+
 @pytest.mark.parametrize(
-    ("build", "words"),
+    ("order", "position", "velocity", "derivative", "power"),
     [
-        (lambda: mesh_of([0.0, 1.0, 0.5]), "increase from 0"),
-        (lambda: mesh_of([0.1, 1.0]), "increase from 0"),
-        (lambda: mesh_of([0.0, 1.0, 2.0], (1.5,)), "t = 1.5 lies inside of a step"),
-        (lambda: graded_mesh(1.0, 10, 0.5), "1 to 20"),
-        (lambda: graded_mesh(1.0, 10**6, 20.0, (0.5,)), "smaller grading"),
-        (lambda: uniform_mesh(1.0, 1, (0.5,)), "at least one step each"),
+        (0.3, 1.0, 0.5, "caputo", 2.7),
+        (0.3, 1.0, 0.0, "caputo", 3.7),
+        (1.5, 1.0, 0.5, "caputo", 2.5),
+        (0.3, 1.0, 0.5, "riemann-liouville", 1.7),
+        (0.3, 0.0, 0.5, "riemann-liouville", 2.7),
+        (1.5, 0.0, 0.5, "riemann-liouville", 1.5),
+        (1.0, 1.0, 0.5, "caputo", None),
     ],
 )
-def test_what_is_no_mesh_is_refused(build, words):
-    with pytest.raises(ValueError, match=words):
-        build()
+def test_the_power_with_which_a_motion_begins(order, position, velocity, derivative, power):
+    scene = oscillator(order, position=position, velocity=velocity, derivative=derivative)
+    assert start_power(scene, at_start=True) == (
+        None if power is None else pytest.approx(power, abs=1e-12)
+    )
+    if power is not None:
+        assert start_power(scene, at_start=False) == pytest.approx(4.0 - order)
+
+
+@spread(few=1, power=[-0.9, -0.86, -0.8, -0.6], order=[0.5, 1.5])
+def test_steep_forces_keep_the_order(power, order):
+    force = Forcing.from_text(f"t**({power})")
+    scene = oscillator(order, position=0.3, velocity=0.0, forcing=force)
+    exact = match_scene(scene).position
+    runs = [integrate(scene, Method(cq="gauss", degree=3, start="graded"), n) for n in (50, 100)]
+    coarse, fine = (np.abs(one.position - exact(one.time)).max() for one in runs)
+    assert coarse < 1e-5
+    assert fine < max(coarse / 30, 2e-9)

@@ -147,31 +147,6 @@ def derivative_of_sine(order: float, w: float, t: float) -> float:
         )
 
 
-def test_a_zener_damper_on_a_ramp_has_the_force_of_its_closed_form():
-    # a free mass moves like t: the law is so weak that it does not slow it down
-    order, time, low, high = 0.55, 0.4, 1.0, 7.0
-    law = fvi.fractional_zener(
-        order=order, time=time, relaxed=low, unrelaxed=high, coefficient=1e-14
-    )
-    one = spring(k=0.0, v=1.0, T=4.0, laws=(law,))
-    at = np.array([0.0, 0.01, 0.3, 1.7, 4.0])
-    found = fvi.integrate(
-        one, "gauss8-graded", 40, output=at, quantities={"f": "1e14*force_1", "u": "deformation_1"}
-    )
-    ramp = [low * t + (high - low) * t * mittag_leffler(order, 2.0, t / time) for t in at]
-    assert found.observed.quantities["f"] == pytest.approx(ramp, rel=1e-10, abs=1e-12)
-    assert found.observed.quantities["u"] == pytest.approx(at, rel=1e-12)
-
-
-def mittag_leffler(order: float, b: float, t: float) -> float:
-    """E of ``-t**order`` with two parameters, by its series."""
-    with mpmath.workdps(60):
-        z = -(mpmath.mpf(t) ** mpmath.mpf(order))
-        return float(
-            mpmath.nsum(lambda k: z**k / mpmath.gamma(mpmath.mpf(order) * k + b), [0, mpmath.inf])
-        )
-
-
 def test_a_spring_and_a_springpot_in_one_entry_are_one_damper():
     text = (
         "name: a\nproblem:\n  kind: frame\n  masses: [1, 2]\n  stiffnesses: [3, 2]\n"

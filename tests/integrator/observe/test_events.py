@@ -1,8 +1,13 @@
-"""Events on the dense motion: none is lost, and each is where the motion is."""
+"""Events on the dense motion: none is lost, however fast formulas change, and each is in place."""
+
+import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from letters import spring
+from numpy.typing import NDArray
+from spread import few_of
 
 import fvi_cli as fvi
 
@@ -68,12 +73,118 @@ def test_the_run_ends_at_an_event():
     assert any("stopped by the event stop" in one for one in run.remarks)
 
 
-def test_peaks_lie_between_the_points():
-    run = fvi.integrate(SCENE, "gauss12", 23, quantities={"x": "x - 0.25", "mixed": "x*vx"})
-    one = run.observed.extents["x"]
-    assert one.peak == pytest.approx(1.25, abs=1e-10)
-    assert one.peak_time % (2 * np.pi) == pytest.approx(np.pi, abs=1e-5)
-    assert (one.least, one.greatest) == (pytest.approx(-1.25, abs=1e-9), pytest.approx(0.75))
-    mean_square = 0.5 + 0.0625 + np.sin(40.0) / 80 - 0.5 * np.sin(20.0) / 20
-    assert one.rms == pytest.approx(np.sqrt(mean_square), rel=1e-8)
-    assert run.observed.extents["mixed"].peak == pytest.approx(0.5, abs=1e-8)
+Array = NDArray[np.float64]
+Function = Callable[[Array], Array]
+
+ROOT_OF_2 = math.sqrt(math.log(2.0))
+
+
+def _crossings(level: float, final_time: float, *, of_speed: bool) -> Array:
+    """Times at which x = cos t, or its velocity -sin t, is at a level."""
+    k = np.arange(math.ceil(final_time / (2 * math.pi)) + 2)
+    first = math.asin(-level) if of_speed else math.acos(level)
+    second = math.pi - first if of_speed else -first
+    found = np.concatenate([first + 2 * math.pi * k, second + 2 * math.pi * k])
+    return np.sort(found[(found > 0) & (found < final_time)])
+
+
+def _wave(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Function]:
+    rate, shift = 10.0 ** rng.uniform(0.5, 3.0), rng.uniform(0.1, 3.0)
+    k = np.arange(1, int((rate * final_time + shift) / math.pi) + 1)
+    return (
+        f"sin({rate!r}*t + {shift!r})",
+        (k * math.pi - shift) / rate,
+        lambda t: np.sin(rate * t + shift),
+    )
+
+
+def _pulse_in_time(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Function]:
+    width, at = 10.0 ** rng.uniform(-1.3, -0.3), rng.uniform(0.2, 0.8) * final_time
+    when = f"exp(-((t - {at!r})/{width!r})**2) - 0.5"
+    times = np.array([at - width * ROOT_OF_2, at + width * ROOT_OF_2])
+    return when, times, lambda t: np.exp(-(((t - at) / width) ** 2)) - 0.5
+
+
+def _pulse_in_the_motion(
+    rng: np.random.Generator, final_time: float
+) -> tuple[str, Array, Function]:
+    width, at = 10.0 ** rng.uniform(-1.5, -0.7), rng.uniform(-0.7, 0.7)
+    of_speed = bool(rng.random() < 0.5)
+    name = "vx" if of_speed else "x"
+    levels = (at - width * ROOT_OF_2, at + width * ROOT_OF_2)
+    times = np.concatenate([_crossings(one, final_time, of_speed=of_speed) for one in levels])
+
+    def value(t: Array) -> Array:
+        here = -np.sin(t) if of_speed else np.cos(t)
+        return np.asarray(np.exp(-(((here - at) / width) ** 2)) - 0.5)
+
+    return f"exp(-(({name} - {at!r})/{width!r})**2) - 0.5", np.sort(times), value
+
+
+def _root_of_size(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Function]:
+    level, at = 10.0 ** rng.uniform(-2.5, -0.5), rng.uniform(-0.5, 0.5)
+    levels = (at - level**2, at + level**2)
+    times = np.concatenate([_crossings(one, final_time, of_speed=False) for one in levels])
+    when = f"{level!r} - sqrt(abs(x - {at!r}))"
+    return when, np.sort(times), lambda t: level - np.sqrt(np.abs(np.cos(t) - at))
+
+
+def _lesser(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Function]:
+    a, b = rng.uniform(-0.6, 0.6, 2).tolist()
+    word, choose = ("min", np.minimum) if rng.random() < 0.5 else ("max", np.maximum)
+
+    def value(t: Array) -> Array:
+        return np.asarray(choose(np.cos(t) - a, -np.sin(t) - b))
+
+    every = [_crossings(a, final_time, of_speed=False), _crossings(b, final_time, of_speed=True)]
+    times = np.sort(np.concatenate(every))
+    times = times[np.sign(value(times - 1e-7)) != np.sign(value(times + 1e-7))]
+    return f"{word}(x - ({a!r}), vx - ({b!r}))", times, value
+
+
+KINDS = (_wave, _pulse_in_time, _pulse_in_the_motion, _root_of_size, _lesser)
+
+
+def _check(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    kind = KINDS[seed % len(KINDS)]
+    final_time = float(rng.uniform(3.0, 30.0))
+    when, times, value = kind(rng, final_time)
+    direction = ("any", "rising", "falling")[seed // len(KINDS) % 3]
+    n_steps = int(final_time * 10.0 ** rng.uniform(0.2, 1.3))
+    run = fvi.integrate(
+        spring(T=final_time, m=1.0, k=1.0, x=1.0),
+        "gauss12",
+        n_steps,
+        events={"e": {"when": when, "direction": direction}},
+    )
+    times = times[(times > 1e-6) & (times < final_time * (1 - 1e-6))]
+    if direction != "any":
+        near = 1e-3 * np.append(np.diff(times), 1.0).min() if times.size else 0.0
+        rises = value(times + near) > value(times - near)
+        times = times[rises == (direction == "rising")]
+    found = run.observed.events["e"].time
+    found = found[(found > 1e-6) & (found < final_time * (1 - 1e-6))]
+    assert run.remarks == ()
+    assert found.size == times.size, (when, n_steps)
+    assert np.abs(found - times).max(initial=0.0) < 1e-7
+
+
+@few_of(10, 500)
+def test_all_changes_of_sign_are_found(seed):
+    _check(seed)
+
+
+@pytest.mark.parametrize("rate", [200, 1000])
+def test_a_stroboscope_is_complete_under_a_tolerance(rate):
+    final_time = 8.0
+    run = fvi.integrate(
+        spring(T=final_time, m=1.0, k=1.0, x=1.0),
+        "gauss6",
+        fvi.AdaptiveSteps(tolerance=1e-6),
+        events={"e": {"when": f"sin({rate}*t)", "direction": "rising"}},
+    )
+    expected = 2 * math.pi / rate * np.arange(1, int(rate * final_time / (2 * math.pi)) + 1)
+    found = run.observed.events["e"].time
+    assert found.size == expected.size
+    assert np.abs(found - expected).max() < 1e-11

@@ -8,8 +8,6 @@ import pytest
 from numpy.typing import NDArray
 
 import fvi_cli as fvi
-from fvi_cli.integrator.observe import motion
-from fvi_cli.mathematics.chebyshev import evaluate_series
 from fvi_cli.mathematics.expressions import Expression
 
 D, STEPS, FINAL_TIME = 60, 120, 2.0
@@ -38,21 +36,6 @@ FORMULAS = {"top": f"x{D}", "drift": "x2 - x1", "push": f"ax{D}", "damped": "dx1
 
 
 @pytest.mark.parametrize("mass", list(MASSES))
-def test_only_the_coordinates_that_a_formula_names_are_evaluated(mass, monkeypatch):
-    widths = []
-
-    def counted(coefficients, *places):
-        widths.append(coefficients.shape[-1])
-        return evaluate_series(coefficients, *places)
-
-    monkeypatch.setattr(motion, "evaluate_series", counted)
-    named = FORMULAS | {"force": "force_1_1"}
-    fvi.integrate(structure(MASSES[mass]), "gauss2", STEPS, quantities=named)
-    assert widths
-    assert max(widths) == 2
-
-
-@pytest.mark.parametrize("mass", list(MASSES))
 def test_accelerations_of_a_few_coordinates_fulfil_the_equation_of_motion(mass):
     scene, row = structure(MASSES[mass]), MASSES[mass][1]
     names = [f"x{k}" for k in range(1, 5)]
@@ -66,7 +49,7 @@ def test_accelerations_of_a_few_coordinates_fulfil_the_equation_of_motion(mass):
     np.testing.assert_allclose(inertia, rest, rtol=0, atol=1e-12 * np.abs(rest).max())
 
 
-def test_accelerations_of_nonlinear_scenes_and_of_initial_loads_too(monkeypatch):
+def test_accelerations_of_nonlinear_scenes_and_of_initial_loads_too():
     names = [f"x{k}" for k in range(1, 8)]
     energy = " + ".join(f"({b} - {a})**4/4" for a, b in itertools.pairwise(names))
     first = np.zeros((7, 7))
@@ -83,17 +66,9 @@ def test_accelerations_of_nonlinear_scenes_and_of_initial_loads_too(monkeypatch)
         final_time=FINAL_TIME,
         derivative="riemann-liouville",
     )
-    widths = []
-
-    def counted(coefficients, *places):
-        widths.append(coefficients.shape[-1])
-        return evaluate_series(coefficients, *places)
-
-    monkeypatch.setattr(motion, "evaluate_series", counted)
     asked = {"a": "ax7", "b": "ax1", "d": "dx1", **{name: name for name in names}}
     run = fvi.integrate(scene, "gauss3", 60, quantities=asked)
     found = run.observed.quantities
-    assert max(widths) == 2
     last = -((found["x7"] - found["x6"]) ** 3)
     assert np.abs(7.0 * found["a"] - last).max() < 1e-13
     rest = found["d"] + (found["x2"] - found["x1"]) ** 3

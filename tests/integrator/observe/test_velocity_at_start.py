@@ -1,5 +1,7 @@
 r"""Velocities behind the start, where the steps are shorter than round-off of a position: a class.
 
+And momenta and energies at mesh points, of all orders above 1.
+
 The oracle solves the Volterra equation of the acceleration. Beside it stands what follows from the
 equation of motion alone: :math:`|v(t) - v_0|` is at most the integral of all forces, and those of
 Riemann-Liouville derivatives and of orders below 1 are like powers of t.
@@ -8,13 +10,18 @@ Riemann-Liouville derivatives and of orders below 1 are like powers of t.
 import math
 
 import numpy as np
-from letters import swing
+import pytest
+from letters import spring, swing
 from numpy.typing import NDArray
 from oracles.volterra import VolterraSolution, solve_volterra
-from spread import few_of
+from spread import few_of, spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.integrate import integrate
+from fvi_cli.integrator.meshes.mesh import uniform_mesh
+from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.steps import RunSteps
 
 Array = NDArray[np.float64]
 Terms = tuple[tuple[float, float], ...]
@@ -123,3 +130,65 @@ def test_a_steep_start_does_not_hide_the_velocity_that_is_given():
     assert run.observed.quantities["v"][0] == -2.0
     extent = run.observed.extents["v"]
     assert (extent.least, extent.peak_time) == (-2.0, 0.0)
+
+
+ORDERS = (1.05, 1.2, 1.4, 1.6, 1.75, 1.9, 1.99)
+GRADED, EQUAL = "gauss4-graded", Method(cq="gauss", degree=4, start="none")
+
+
+def scene_of(derivative: str, *terms: tuple[float, float]) -> Scene:
+    place = -1.375 if derivative == "caputo" else 0.0
+    return swing(*terms, T=FINAL_TIME, x=place, v=0.3, derivative=derivative)
+
+
+def errors(scene: Scene, terms: tuple[tuple[float, float], ...], run: fvi.Trajectory) -> Array:
+    """Of stored momenta and energies, relative, away from the start; shape ``(2,)``."""
+    late = run.time > 0.1 * FINAL_TIME
+    known = oracle(scene, terms)
+    x, v = known.position(run.time[late])[:, 0], known.velocity(run.time[late])[:, 0]
+    energy = v**2 / 2 + 1 - np.cos(x)
+    momentum = np.abs(run.momentum[late, 0] - v).max() / np.abs(v).max()
+    return np.array([momentum, np.abs(run.energy[late] - energy).max() / energy.max()])
+
+
+@spread(few=1, derivative=["caputo", "riemann-liouville"], order=ORDERS)
+def test_stored_momenta_and_energies_are_those_of_the_motion(derivative, order):
+    terms = ((order, 0.4), (0.6, 0.1)) if order in ORDERS[::2] else ((order, 0.4),)
+    scene = scene_of(derivative, *terms)
+    most = 1e-10 if derivative == "caputo" else 3e-8
+    assert errors(scene, terms, fvi.integrate(scene, GRADED, 64)).max() < most
+    thinned = fvi.integrate(scene, GRADED, 64, every=3)
+    assert errors(scene, terms, thinned).max() < most
+    adaptive = fvi.integrate(scene, "gauss4", fvi.AdaptiveSteps(tolerance=1e-9))
+    assert errors(scene, terms, adaptive).max() < 1e-7
+
+
+def test_the_error_is_seen_without(monkeypatch):
+    """The control: the momenta of the recursion."""
+    monkeypatch.setattr(RunSteps, "momenta_of_polynomials", lambda self, _: self.momentum)
+    scene = scene_of("riemann-liouville", (1.9, 0.4))
+    run = fvi.integrate(scene, GRADED, 64)
+    assert errors(scene, ((1.9, 0.4),), run).max() > 3e-8
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_components_that_nothing_joins_have_the_momenta_of_single_runs(count):
+    stiffness, damping, speed = np.random.default_rng(count).uniform(0.5, 2.0, (3, count))
+    data = {"T": FINAL_TIME, "derivative": "riemann-liouville"}
+    unit, rest = np.eye(count), np.zeros(count)
+    every = spring((1.6, np.diag(damping)), m=unit, k=np.diag(stiffness), x=rest, v=speed, **data)
+    run = fvi.integrate(every, GRADED, 32)
+    for place, momentum in enumerate(run.momentum.T):
+        one = spring((1.6, damping[place]), k=stiffness[place], x=0.0, v=speed[place], **data)
+        alone = fvi.integrate(one, GRADED, 32).momentum[:, 0]
+        assert np.abs(momentum - alone).max() < 1e-13
+
+
+def test_equal_steps_have_errors_of_their_order():
+    scene = scene_of("riemann-liouville", (1.5, 0.4))
+    found = [
+        errors(scene, ((1.5, 0.4),), integrate(scene, EQUAL, uniform_mesh(FINAL_TIME, n)))[0]
+        for n in (40, 80)
+    ]
+    # positions have h**(3 - order) of the first step; the recursion has h**(2 - order)
+    assert found[1] < 0.45 * found[0]

@@ -9,10 +9,6 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.prescribed import PrescribedMotion
-from fvi_cli.effects.sampled import SampledForce
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.loops import LAST, deformation_against, forces_of, loops_of
 
 
@@ -146,13 +142,3 @@ def test_the_velocity_is_that_of_the_displacement_and_no_acceleration_is_made_up
     (outcome,) = fvi.run(parse_config(text, "a"))
     found = outcome.finished[0].trajectory.observed.extents
     assert found["v"].peak < 1e-10
-
-
-def test_a_formula_beside_samples_is_refused():
-    wave = Expression.parse("0.2*t**2", variables=("t",))
-    times = np.linspace(0.0, 1.0, 9)
-    beside = SampledForce.through(times, times, "linear").plus(wave)
-    with pytest.raises(ValueError, match="displacement: give a formula or samples, not both"):
-        PrescribedMotion(
-            displacement=Forcing(pieces=(ForcingPiece(components=(beside,)),)), final_time=1.0
-        ).rate(times)
