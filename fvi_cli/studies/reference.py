@@ -161,7 +161,7 @@ def _reference(problem: AnyProblem, difference: float | None) -> Reference:
     if known is not None and difference is not None:
         if not ERROR_FACTOR * refined.error < difference:
             return known
-        source = f"the exact solution differs from it by {difference:.0e}"
+        source = f"the exact solution differs from it by {difference:.0e} and is not used"
     elif source == "unknown":
         return refined
     return replace(refined, source=f"{refined.source}; {source}")
