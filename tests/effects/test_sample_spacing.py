@@ -67,4 +67,5 @@ def test_runs_say_so_on_the_finest_steps_of_a_ladder(tmp_path: Path) -> None:
     for n_steps, is_said in ((99, True), (100, False)):
         run = fvi.integrate(scene, "gauss2", n_steps)
         assert any("spacing 0.1 of component 1" in one for one in run.remarks) == is_said
+        assert repr(run).endswith(", 1 remark>" if is_said else " 100 steps>")
     assert fvi.integrate(scene, "gauss2", fvi.AdaptiveSteps(tolerance=1e-3)).remarks == ()
