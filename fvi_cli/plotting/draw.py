@@ -147,10 +147,11 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
             area.set(alpha=0.18 * (place + 1), label=label)
         axes.plot(curve.x, curve.y, label=curve.label, **look)
         for x, y, text in curve.marks:
-            (dot,) = axes.plot(x, y, "o", color=look["color"], markersize=4.2, clip_on=False)
-            dot.set(markeredgecolor="white", zorder=6)
-            note = axes.annotate(text, (x, y), xytext=(5, 0), textcoords="offset points", zorder=7)
-            note.set(fontsize=SMALL, color=look["color"], va="center")
+            if not look["marker"]:
+                (dot,) = axes.plot(x, y, "o", color=look["color"], markersize=4.2, clip_on=False)
+                dot.set(markeredgecolor="white", zorder=6)
+            note = axes.annotate(text, (x, y), xytext=(3, 1), textcoords="offset points", zorder=7)
+            note.set(fontsize=SMALL, color=look["color"])
 
 
 def lines(axes: Axes, panel: Panel) -> None:

@@ -18,6 +18,7 @@ from fvi_cli import plotting
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.method import Method
 from fvi_cli.plotting.kinds.motions import drawn_motion, drawn_times, drawn_velocity
+from fvi_cli.plotting.kinds.spectra import modes_figure
 from fvi_cli.plotting.style import method_words
 
 UNITS = "units: {time: ms, length: mm, force: kN%s}\n"
@@ -325,3 +326,15 @@ def test_any_style_of_matplotlib_may_be_used():
     assert plotting.interpolation_figure().get_facecolor()[:3] == (1.0, 1.0, 1.0)
     with pytest.raises(RequestError, match="nowhere"), plotting.styled("nowhere"):
         pass
+
+
+def test_modes_are_poles_above_and_damping_ratios_on_stems_below():
+    (table,) = fvi.modes(yaml.safe_load(SCENES["building"]))
+    above, below = modes_figure([table]).axes
+    poles = np.array([mode.frequency for mode in table.modes])
+    np.testing.assert_allclose(above.lines[0].get_data(), [poles.real, poles.imag / (2 * np.pi)])
+    ratios = [100 * mode.damping_ratio for mode in table.modes]
+    points, stems = (np.ravel(line.get_ydata()) for line in below.lines[1:])
+    np.testing.assert_array_equal(points, ratios)
+    np.testing.assert_array_equal(stems[1::3], ratios)
+    assert [words.get_text() for words in below.texts] == ["1", "2"]

@@ -94,15 +94,9 @@ def figure_over_time(panels: Sequence[Panel], shown: Shown) -> Figure:
     """The figure of panels over time, with titles above."""
     columns = len(shown.columns)
     top = [replace(one, title=title) for one, title in zip(panels, shown.columns, strict=False)]
-    return figure(
-        [*top, *panels[columns:]],
-        lines,
-        columns=columns,
-        height=max(1.15, 2.4 - 0.4 * len(panels) / columns),
-        sharex=True,
-        sharey="row",
-        **shown.titles,
-    )
+    height = max(1.15, 2.4 - 0.4 * len(panels) / columns)
+    titles = {"columns": columns, "height": height, "sharey": "row", **shown.titles}
+    return figure([*top, *panels[columns:]], lines, sharex=True, **titles)
 
 
 def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:

@@ -43,24 +43,28 @@ def _by_experiment(name: str, tables: Sequence[Table]) -> list[tuple[str, list[T
 
 
 def modes_figure(tables: Sequence[ModeTable]) -> Figure:
-    """Damping ratio over frequency of every mode, on a stem with its number."""
+    """Poles of every mode; below the damping ratio over frequency, on a stem, with its number."""
     names, titles = distinguish([one.of_member for one in tables], tables[0].units)
-    curves = []
+    poles: list[Curve] = []
+    curves: list[Curve] = []
     for place, (table, words) in enumerate(zip(tables, names, strict=True)):
         hertz = np.array([mode.hertz for mode in table.modes])
+        growth = np.array([mode.frequency.real for mode in table.modes])
         ratio = 100.0 * np.array([mode.damping_ratio for mode in table.modes])
-        numbers = enumerate(zip(hertz, ratio, strict=True), start=1)
-        marks = [(float(x), float(y), str(number)) for number, (x, y) in numbers]
-        marks = marks[: _MOST_NUMBERED * (len(tables) == 1)]
-        look = dots(cycled(place).colour, 3.5)
-        curves.append(Curve(x=hertz, y=ratio, **{**words, "look": look}, marks=marks))
-    panel = Panel(
-        curves=curves,
-        x=with_unit("frequency", tables[0].units, "frequency"),
-        y="damping ratio (%)",
-        levels=[0.0],
-    )
-    return figure([panel], lines, height=2.0, **titles)
+        most = _MOST_NUMBERED * (len(tables) == 1)
+        own = {**words, "look": dots(cycled(place).colour, 3.5)}
+        for few, x, y in ((poles, growth, hertz), (curves, hertz, ratio)):
+            numbers = enumerate(zip(x.tolist(), y.tolist(), strict=True), start=1)
+            marks = [(*point, str(number)) for number, point in numbers][:most]
+            few.append(Curve(x=x, y=y, **own, marks=marks))
+        own |= {"look": Look(colour=own["look"].colour, width=0.8), "label": ""}
+        stems = np.outer(ratio, (0.0, 1.0, np.nan)).ravel()
+        curves.append(Curve(x=hertz.repeat(3), y=stems, **own))
+    frequency = with_unit("frequency", tables[0].units, "frequency")
+    growth_rate = with_unit(r"growth rate $\mathrm{Re}\,s$", tables[0].units, "rate")
+    upper = Panel(curves=poles, x=growth_rate, y=frequency)
+    lower = Panel(curves=curves, x=frequency, y="damping ratio (%)", levels=[0.0])
+    return figure([upper, lower], lines, height=(2.0, 1.6), **titles)
 
 
 def response_figure(tables: Sequence[ResponseTable]) -> Figure:
