@@ -139,7 +139,7 @@ def test_slopes_are_those_of_theory_and_of_the_source(claims):
 def test_methods_of_two_degrees_have_two_panels():
     methods = [Method(cq=f"bdf{p}", degree=s) for p in (1, 2) for s in (1, 2)]
     figure = plotting.convergence_figure([made_study([*methods, Method(cq="gauss", degree=2)])])
-    titles = [axes.get_title(loc="left").rpartition(", ")[2] for axes in figure.axes]
+    titles = [axes.get_title(loc="left").partition("  ")[2] for axes in figure.axes]
     assert titles == ["degree 1", "degree 2"]
     names = [text.get_text() for text in figure.legends[0].get_texts()]
     assert names == ["BDF1", "BDF2", "Gauss2"]

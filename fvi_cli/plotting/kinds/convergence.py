@@ -35,11 +35,19 @@ def convergence_figure(studies: Sequence[Study]) -> Figure:
     Methods without a degree of their own, such as Gauss, are in every panel of their experiment.
     """
     panels = [
-        _ladder(experiment, own, title=", ".join(filter(None, [experiment.name, degree])))
+        _ladder(experiment, own, title=_title(experiment, degree, has_name=len(studies) > 1))
         for experiment, finished in studies
         for degree, own in by_degree(finished).items()
     ]
     return _ladders(panels, sharey=len(studies) == 1)
+
+
+def _title(experiment: Experiment, degree: str, *, has_name: bool) -> str:
+    """Degree and order of the damping if it is one, and the experiment where several are drawn."""
+    scene = experiment.problem.scene
+    found = {term.order for term in scene.active_damping} if scene else set()
+    order = rf"$\gamma={fraction_in_words(found.pop())}$" if len(found) == 1 else ""
+    return ", ".join(filter(None, [experiment.name * has_name, degree, order]))
 
 
 def has_errors(finished: Sequence[FinishedRun]) -> bool:
@@ -144,14 +152,11 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
         row = found.setdefault(experiment.norm, {})
         row.setdefault(_exponent(experiment), (experiment, []))[1].extend(finished)
     columns = sorted({b for row in found.values() for b in row})
-    return figure(
-        [_saturation(*row[b], b) if b in row else None for row in found.values() for b in columns],
-        ladder,
-        columns=len(columns),
-        height=1.68 if len(columns) > 2 else 2.6,
-        sharex=True,
-        finish=finish_ladders,
-    )
+    drawn = [
+        _saturation(*row[b], b) if b in row else None for row in found.values() for b in columns
+    ]
+    count, high = len(columns), 1.68 if len(columns) > 2 else 2.6
+    return figure(drawn, ladder, columns=count, height=high, sharex=True, finish=finish_ladders)
 
 
 def _saturation(experiment: Experiment, rows: Sequence[FinishedRun], b: float) -> Panel:
