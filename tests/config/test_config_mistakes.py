@@ -75,6 +75,15 @@ def test_lists_and_mappings_that_are_too_short_are_told_their_length():
             parse_config(text, "f.yaml", overrides=[change])
 
 
+def test_a_word_that_is_not_allowed_is_told_the_other_forms_too():
+    for change, words in {
+        "method={bdf: 2, sampling: node}": r"'nodes' or 'points'; did you mean 'nodes'\?$",
+        "figures=[phas]": "or 'spectrum', or a mapping with plot, .*; did you mean 'phase'",
+    }.items():
+        with pytest.raises(ConfigError, match=words):
+            parse_config(PENDULUM, "f.yaml", overrides=[change])
+
+
 def test_at_most_a_hundred_complaints_are_printed():
     text = VALID + "".join(f"unknown{i}: 1\n" for i in range(150))
     lines = complaints_about(text)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from types import UnionType
-from typing import Annotated, Any, Final, Union, get_args, get_origin
+from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -18,6 +18,7 @@ from fvi_cli.scenes.keys.values import (
     KeyPath,
     OneOrMany,
     Wrong,
+    in_words,
     key_of,
     known_keys,
     number_text,
@@ -94,6 +95,9 @@ def _expected(detail: ErrorDetails, path: KeyPath, model: Any, whole: Any) -> st
     kind, context = detail["type"], detail.get("ctx", {})
     if kind == "form":
         return str(context["expected"])
+    if kind == "literal_error":
+        others = _other_forms(hint_at(model, path, whole))
+        return ", or ".join([context["expected"], *others])
     if kind.startswith("model"):
         hint = branch(hint_at(model, path, whole), {})
         return f"a mapping with {listed(known_keys(hint))}"
@@ -105,6 +109,14 @@ def _expected(detail: ErrorDetails, path: KeyPath, model: Any, whole: Any) -> st
         r"^(Input|String|List|Dictionary|Value) should (be |have |)", "", detail["msg"]
     )
     return _TYPES.get(kind, message)
+
+
+def _other_forms(hint: Any) -> list[str]:
+    """What is allowed beside words where a value may have one of several forms."""
+    inner, *marks = get_args(hint) or (None,)
+    if not any(isinstance(one, ByForm) for one in marks):
+        return []
+    return [in_words(one) for one in get_args(inner) if get_origin(one) is not Literal]
 
 
 def key_path(location: KeyPath, value: Any) -> KeyPath:
