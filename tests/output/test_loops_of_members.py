@@ -113,3 +113,12 @@ def test_the_force_of_a_given_motion_is_that_of_all_dampers_of_a_member():
         np.testing.assert_allclose(
             found.trajectory.observed.quantities["force"], expected, rtol=1e-9, atol=1e-12
         )
+
+
+@pytest.mark.parametrize(("steps", "is_sparse"), [(60, True), (240, False)])
+def test_a_loop_of_few_points_says_what_it_lacks(steps, is_sparse):
+    law = {"law": "zener", "order": 0.55, "time": 0.2, "relaxed": 3.0e4, "unrelaxed": 2.0e5}
+    bench = {"kind": "material", "law": law, "displacement": "0.01*sin(2*pi*t)", "final_time": 6.0}
+    (outcome,) = fvi.run({"name": "a", "problem": bench, "ladder": {"steps": [steps]}})
+    text = to_markdown(quantities_report("a", outcome.finished).blocks)
+    assert ("A loop without numbers has too few stored points" in text) == is_sparse

@@ -140,6 +140,12 @@ TITLES = {
 }
 
 
+SPARSE = (
+    "A loop without numbers has too few stored points; 40 or more are needed, by more steps or by "
+    "output: {step: ...}."
+)
+
+
 def quantity_blocks(sheets: Sequence[Sheet]) -> Iterator[Block]:
     """The grids of every experiment."""
     owners = {one.of.run.experiment.name: one.of.run for sheet in sheets for one in sheet.items}
@@ -152,3 +158,5 @@ def quantity_blocks(sheets: Sequence[Sheet]) -> Iterator[Block]:
         if sheet.name in TITLES:
             yield TITLES[sheet.name]
         yield grid_of(sheet.columns, items, run.experiment.units)
+        if sheet.name == "loops" and any(math.isnan(one.found.amplitude) for one in items):
+            yield SPARSE
