@@ -213,8 +213,14 @@ def counts_in_words(values: Iterable[str]) -> str:
 
 
 def swept_in_words(key: str, values: Sequence[object]) -> str:
-    """The values of a key, one by one or by their ends: ``stiffness = 1 ... 9 (17 values)``."""
-    distinct = list(dict.fromkeys(map(value_in_words, values)))
-    if len(distinct) <= MOST_VALUES:
-        return f"{key} = {', '.join(distinct)}"
-    return f"{key} = {distinct[0]} ... {distinct[-1]} ({len(distinct)} values)"
+    """The values of a key, one by one, or least and largest: ``stiffness = 1 ... 9 (17 values)``.
+
+    Of lists and texts the first and the last.
+    """
+    texts = list(dict.fromkeys(map(value_in_words, values)))
+    if len(texts) <= MOST_VALUES:
+        return f"{key} = {', '.join(texts)}"
+    numbers = [value for value in values if isinstance(value, int | float)]
+    if len(numbers) == len(values):
+        texts = list(dict.fromkeys(map(value_in_words, sorted(numbers))))
+    return f"{key} = {texts[0]} ... {texts[-1]} ({len(texts)} values)"
