@@ -113,7 +113,7 @@ class Call:
             self.collect("differences", reports.compare(self.output / "tables", report))
             return
         if not self.json:
-            print(reports.to_text(report.shown), "", sep="\n")
+            print(reports.to_text(report.shown(verbose=self.verbose)), "", sep="\n")
         self.wrote(write(results, self.output, name=config.name))
 
     def wrote(self, paths: Sequence[Path]) -> None:

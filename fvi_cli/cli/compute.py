@@ -53,7 +53,7 @@ def run(
             found = [finished_run(one) for outcome in outcomes for one in outcome.finished]
             call.collect("runs", found)
         else:
-            print(runs_as_text(outcomes, every_member=call.verbose))
+            print(runs_as_text(outcomes, verbose=call.verbose))
         path = file_of(config, call.output)
         call.wrote([] if path is None else [path])
 

@@ -64,4 +64,6 @@ Style = Annotated[
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document instead of text.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Only results and errors.")]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say more, with tracebacks.")]
+Verbose = Annotated[
+    bool, typer.Option("-v", "--verbose", help="Say more: every run, and tracebacks.")
+]

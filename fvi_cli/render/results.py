@@ -97,7 +97,7 @@ def as_text(results: Results, *, name: str | None = None) -> str:
         return contents_as_text(found[0])
     if kind is Outcome:
         return runs_as_text(found)
-    return reports.to_text(report_on(results, name).shown)
+    return reports.to_text(report_on(results, name).shown())
 
 
 def report_on(results: Results, name: str | None = None) -> Report:

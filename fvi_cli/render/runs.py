@@ -9,7 +9,7 @@ from operator import itemgetter
 from typing import Any
 
 from fvi_cli.reports import Column, grid_of, to_text
-from fvi_cli.reports.columns import Item, member_title
+from fvi_cli.reports.columns import GOOD, Item, member_title
 from fvi_cli.reports.kinds.quantities import quantity_blocks, quantity_sheets
 from fvi_cli.reports.table import Block
 from fvi_cli.runner.outcome import Outcome
@@ -17,6 +17,7 @@ from fvi_cli.storage import StoredFile
 from fvi_cli.storage.fields import extents_in
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words, label_of
+from fvi_cli.studies.peak_errors import with_peak_errors
 
 
 def _assessed(name: str) -> Any:
@@ -33,12 +34,13 @@ def _expected(one: FinishedRun) -> str:
     return "may fail" if one.run.experiment.expects_failure(one.run.method) else ""
 
 
+STEP = Column("step_size", "h", ".6g", get="run.step_size")
 RUNS = (
     Column("experiment", "experiment", get="run.experiment.name"),
     member_title("run.member"),
     Column("method", "method", get="run.method_label"),
     Column("n_steps", "N", get="run.n_steps"),
-    Column("step_size", "h", ".6g", get="run.step_size"),
+    STEP,
     Column("error", "error", ".3e"),
     Column("tolerance", "tolerance", "g", get=_assessed("tolerance")),
     Column("estimate", "estimate", ".3e", get=_assessed("estimate")),
@@ -49,7 +51,7 @@ RUNS = (
 MEMBERS = (
     Column("experiment", "experiment", get="first.run.experiment.name"),
     Column("method", "method", get="first.run.method_label"),
-    Column("n_steps", "N", get="first.run.n_steps"),
+    Column("n_steps", "N", get=lambda of: _steps_in_words(of)),
     Column("members", "members", get=lambda of: len(of.runs)),
     Column("median", "median error", ".3e", get=lambda of: statistics.median(of.errors)),
     Column("largest", "largest", ".3e", get="worst.error"),
@@ -76,40 +78,74 @@ def columns_of(rows: Sequence[Mapping[str, object]], **forms: str) -> str:
     return to_text([grid_of(columns, rows)]) if rows else ""
 
 
-def runs_as_text(outcomes: Sequence[Outcome], *, every_member: bool = False) -> str:
-    """A line for every run, of a sweep for each method and number of steps; and the quantities.
+def runs_as_text(outcomes: Sequence[Outcome], *, verbose: bool = False) -> str:
+    """A line for every method and design with its finest run; and quantities of these runs.
 
-    With `every_member` every member of a sweep has a line as well.
+    Of a sweep the line sums up the members. Runs that failed have lines of their own. With
+    `verbose` every run and member has one, and every number of steps of a sweep.
     """
     single = list[FinishedRun]()
     summed_up = list[Item]()
+    observed = list[FinishedRun]()
+    counts = dict[FinishedRun, int]()
     for outcome in outcomes:
         members = outcome.experiment.members
-        if every_member or not members or any(member.name for member in members):
+        is_summed_up = bool(members) and not any(member.name for member in members)
+        if is_summed_up:
+            summed_up += _by_method(outcome.finished, every_n=verbose)
+        if verbose:
             single += outcome.finished
-        if members and not any(member.name for member in members):
-            summed_up += _by_method(outcome.finished)
+        elif not is_summed_up:
+            ladders = _ladders(outcome.finished)
+            last = {one[-1] for one in ladders}
+            counts |= {one[-1]: len(one) for one in ladders if len(one) > 1}
+            single += [o for o in outcome.finished if o in last or o.status not in GOOD]
+        with_errors = with_peak_errors(outcome.finished)
+        observed += with_errors if verbose else [one[-1] for one in _ladders(with_errors)]
     # a single experiment needs no column with its name
     first = int(len(outcomes) == 1)
-    tables = ((RUNS, single), (MEMBERS, summed_up))
+    number = Column("runs", "runs", get=counts.get)
+    columns = RUNS if verbose else (*RUNS[:3], number, *(c for c in RUNS[3:] if c is not STEP))
+    tables = ((columns, single), (MEMBERS, summed_up))
     blocks: list[Block] = [grid_of(columns[first:], rows) for columns, rows in tables if rows]
-    sheets, summaries = quantity_sheets([one for own in outcomes for one in own.finished])
+    sheets, summaries = quantity_sheets(observed)
     return to_text([*blocks, *quantity_blocks(summaries or sheets)])
 
 
-def _by_method(finished: Iterable[FinishedRun]) -> list[Item]:
-    """One item for each method and N of a sweep, with errors of members that have one."""
+def _ladders(finished: Iterable[FinishedRun]) -> list[list[FinishedRun]]:
+    """The runs of every method and member, with N increasing."""
+    found: dict[tuple[object, ...], list[FinishedRun]] = {}
+    for one in sorted(finished, key=lambda one: one.run.n_steps):
+        found.setdefault((one.run.member, one.run.method), []).append(one)
+    return list(found.values())
+
+
+def _by_method(finished: Iterable[FinishedRun], *, every_n: bool) -> list[Item]:
+    """One item for each method of a sweep and its finest N, and for N with runs that failed.
+
+    Errors are those of members that have one; a tolerance chooses N for every member.
+    """
     groups: dict[tuple[str, int], list[FinishedRun]] = {}
     for one in finished:
-        groups.setdefault((one.run.method_label, one.run.n_steps), []).append(one)
+        n_steps = 0 if one.run.is_search else one.run.n_steps
+        groups.setdefault((one.run.method_label, n_steps), []).append(one)
+    finest = {label: max(n for own, n in groups if own == label) for label, _ in groups}
     items = []
-    for runs in groups.values():
+    for (label, n_steps), runs in groups.items():
+        if not every_n and n_steps < finest[label] and all(one.status in GOOD for one in runs):
+            continue
         known = [one for one in runs if math.isfinite(one.error)] or runs[:1]
         worst = max(known, key=lambda one: one.error)
         at = "" if math.isnan(worst.error) else label_of(worst.run.member)
         errors = [one.error for one in known]
         items.append(Item(first=runs[0], runs=runs, errors=errors, worst=worst, at=at))
     return items
+
+
+def _steps_in_words(of: Item) -> str:
+    """The number of steps, or the least and the largest of those that a tolerance chose."""
+    numbers = {one.run.n_steps for one in of.runs}
+    return "-".join(map(str, sorted({min(numbers), max(numbers)})))
 
 
 def contents_as_text(stored: StoredFile) -> str:

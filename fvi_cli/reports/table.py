@@ -158,13 +158,13 @@ class Report:
     sheets: tuple[Sheet, ...]
     blocks: Sequence[Block]
     has_latex: bool = False  # whether its grids are written as LaTeX, too
+    summary: Sequence[Block] = ()  # in place of the blocks on a terminal, where it is shorter
 
-    @property
-    def shown(self) -> list[Block]:
-        """The blocks for a terminal, without long grids."""
+    def shown(self, *, verbose: bool = False) -> list[Block]:
+        """The summary, or with `verbose` the blocks, for a terminal: without long grids."""
         return [
             f"{len(one.rows)} rows: see the files."
             if isinstance(one, Grid) and len(one.rows) > MOST_LINES
             else one
-            for one in self.blocks
+            for one in (self.blocks if verbose or not self.summary else self.summary)
         ]

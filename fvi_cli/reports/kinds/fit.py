@@ -62,6 +62,8 @@ MODELS = (
     Column("steps", "steps", within=None, get=lambda of: of.model.steps or None),
     # error of the runs over the residuals
     Column("discretisation", "error of runs", ".0e", None, get=_discretisation),
+    # standard deviations, of one series without its name
+    Column("", "noise", get=lambda of: _noise(of.model)),
     Column("status", "status", get=_status),
     Column("message", within=None, get="model.message"),
 )
@@ -77,6 +79,7 @@ def fit_report(name: str, results: Sequence[FitResult]) -> Report:
             Sheet(name="models", columns=MODELS, items=models, is_file=False),
         ),
         blocks=list(_blocks(name, results)),
+        summary=list(_blocks(name, results, has_remarks=False)),
     )
 
 
@@ -84,7 +87,10 @@ def _estimates(models: Sequence[Item]) -> list[Item]:
     return [Item(**vars(of), one=one) for of in models for one in of.model.estimates]
 
 
-def _blocks(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
+def _blocks(
+    name: str, results: Sequence[FitResult], *, has_remarks: bool = True
+) -> Iterator[Block]:
+    """Models and estimates; a terminal has shown the remarks before."""
     yield f"# Fit: {name}"
     for result in results:
         models = sorted(result.models, key=lambda one: (not one.is_converged, one.criterion))
@@ -95,19 +101,27 @@ def _blocks(name: str, results: Sequence[FitResult]) -> Iterator[Block]:
         yield grid_of(
             PARAMETERS, [Item(**vars(o), one=e) for o in items for e in o.model.estimates]
         )
-        yield from listed(
-            f"{m.model.name}: {words}".removeprefix(": ") for m in models for words in _remarks(m)
-        )
+        if has_remarks:
+            yield from listed(
+                f"{m.model.name}: {words}".removeprefix(": ")
+                for m in models
+                for words in _remarks(m)
+            )
 
 
 def _remarks(model: ModelFit) -> Iterator[str]:
-    """Why there is no fit, the noise of every column, and what is doubtful."""
+    """Why there is no fit, and what is doubtful."""
     if not model.is_converged:
         yield f"no fit: {model.message}; these are the best numbers so far"
-    noise = (f"{one.data} {one.series.column} {one.deviation:.3g}" for one in model.series)
-    if model.series:
-        yield f"standard deviation of the noise: {', '.join(noise)}"
     yield from model.warnings
+
+
+def _noise(model: ModelFit) -> str:
+    """The standard deviation of the noise of every column."""
+    named = len(model.series) > 1
+    return ", ".join(
+        f"{one.series.column} " * named + f"{one.deviation:.3g}" for one in model.series
+    )
 
 
 def _digits(value: float, error: float) -> str:

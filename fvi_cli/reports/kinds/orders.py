@@ -64,6 +64,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     ]
     experiment = Column("experiment", get="table.experiment")
     swept = member_columns((table.member for table in tables), "table.member")
+    heading = f"# Orders of convergence: {name}"
     return Report(
         name=name,
         sheets=(
@@ -74,7 +75,8 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
                 is_round_off=_is_round_off,
             ),
         ),
-        blocks=[f"# Orders of convergence: {name}", *_blocks(name, tables)],
+        blocks=[heading, *_blocks(name, tables)],
+        summary=[heading, *_blocks(name, tables, every_n=False)],
         has_latex=True,
     )
 
@@ -98,20 +100,27 @@ def errors_in_words(norm: str, reference: str) -> str:
     return f"Errors in the {NORMS[norm]}; reference: {known}"
 
 
-def _blocks(title: str, tables: Sequence[OrderTable]) -> Iterator[Block]:
-    """The slopes of all experiments; of each its setting, errors and remarks."""
+def _blocks(title: str, tables: Sequence[OrderTable], *, every_n: bool = True) -> Iterator[Block]:
+    """The slopes of all experiments; of each its setting, errors and remarks.
+
+    Without `every_n` only finest errors and slopes.
+    """
     alone = [table for table in tables if not table.swept]
     if len(alone) > 1:
         yield _finest(title, alone)
     for name, group in itertools.groupby(tables, key=lambda table: table.experiment):
         own = list(group)
+        if own[0].cases and len(alone) > 1 and not (every_n or own[0].swept):
+            continue
         if name != title:
             yield f"## {name}"
         if not own[0].cases:
             yield "No run is finished."
             continue
         yield _setting(own)
-        if not own[0].swept:
+        if not own[0].swept and not every_n:
+            yield grid_of(SLOPES, [Item(case=case, finest=case.rows[-1]) for case in own[0].cases])
+        elif not own[0].swept:
             for first in range(0, len(own[0].cases), MOST_METHODS):
                 yield _errors(own[0].cases[first : first + MOST_METHODS])
             yield from listed(_remarks(own[0]))
@@ -198,6 +207,14 @@ def _number(value: float, form: str, missing: str = "-") -> str:
     return missing if math.isnan(value) else format(value, form)
 
 
+SLOPES = (
+    Column("method", "method", get="case.method.label"),
+    Column("n_steps", "N", get="finest.n_steps"),
+    Column("error", "error", get=lambda of: _entries(of.case, -1)[0]),
+    Column("slope", "slope", ".2f", get="case.slope"),
+    Column("order_smooth", "on smooth data", ".3g", get="case.order_smooth"),
+    Column("claim", "stated", "g", get="case.claim"),
+)
 SPREAD = (
     Column("method", "method"),
     Column("least", "slope: least", ".2f", get=lambda of: min(of.slopes, default=math.nan)),

@@ -44,9 +44,8 @@ def stability_report(name: str, tables: Sequence[StabilityTable]) -> Report:
 def _blocks(name: str, tables: Sequence[StabilityTable]) -> Iterator[Block]:
     yield f"# Stability: {name}"
     yield (
-        "Every cell gives the factor by which the worst mode grows in one step. UNSTABLE: it "
-        f"grows by more than {TOLERATED_GROWTH:.0f} over the run; slow: it grows less over that "
-        "number of steps."
+        "Growth of the worst mode in one step. UNSTABLE: by more than "
+        f"{TOLERATED_GROWTH:.0f} over the run; slow: by less."
     )
     for table in tables:
         if len(tables) > 1:
