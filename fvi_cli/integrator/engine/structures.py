@@ -25,7 +25,7 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 LARGEST_DENSE, LEAST_BLOCK = 1024, 4
 """A scene is large if its shortest block, of 4 steps, has more inputs than 1024."""
-LARGEST_OFF_DIAGONAL = 1e-12  # most round-off beside a diagonal, relative to the largest entry
+LARGEST_OFF_DIAGONAL = 1e-12  # of the largest entry; round-off: 4e-15 of Gauss3, 5e-14 of Gauss5
 
 Product = tuple[Array, Form]
 """A small matrix ``(s, s)`` of the method and a large one ``(d, d)`` of the scene."""
