@@ -144,7 +144,7 @@ def _is_coupled(matrix: ComplexArray) -> bool:
 
 
 def _solver_of_all_stages(products: Sequence[Product]) -> Solve:
-    """As :func:`solver_of`, where stages do not decouple: samples at the nodes, and from Gauss8 on."""
+    """As :func:`solver_of`, where stages do not decouple: samples at nodes, and from Gauss8 on."""
     from scipy.sparse import kron
 
     # the unknowns of one component are neighbours: the band of the large matrices stays narrow
