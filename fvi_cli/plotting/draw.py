@@ -207,10 +207,12 @@ def finish_ladders(axes: Sequence[Axes], panels: Sequence[Panel]) -> None:
         scale_log(one)
         if losers:
             _draw_lost(one, panel.curves, losers, share)
-        bottom = raised[one][0]
+        bottom, top = raised[one]
         if panel.floor > bottom:
-            one.axhspan(bottom, panel.floor, color=STRIP, zorder=0, linewidth=0)
-            words = one.text(0.985, panel.floor, "floor", transform=one.get_yaxis_transform())
+            # words outside of the axes would take their room
+            level = min(panel.floor, top)
+            one.axhspan(bottom, level, color=STRIP, zorder=0, linewidth=0)
+            words = one.text(0.985, level, "floor", transform=one.get_yaxis_transform())
             words.set(color=GREY, fontsize=SMALL, ha="right", va="top")
         _draw_fan(one, panel)
 

@@ -338,3 +338,16 @@ def test_modes_are_poles_above_and_damping_ratios_on_stems_below():
     np.testing.assert_array_equal(points, ratios)
     np.testing.assert_array_equal(stems[1::3], ratios)
     assert [words.get_text() for words in below.texts] == ["1", "2"]
+
+
+def test_a_floor_above_all_errors_stays_in_the_panel():
+    problem = {
+        "kind": "damped-oscillator",
+        "initial": {"position": 1.0},
+        "final_time": 2.0,
+        "exact": "cos(t)",
+    }
+    (outcome,) = fvi.run({"name": "a", "problem": problem, "accuracy": {"tolerance": 1e-9}})
+    (axes,) = outcome.plot("convergence").axes
+    (word,) = (text for text in axes.texts if text.get_text() == "floor")
+    assert outcome.finished[0].floor > axes.get_ylim()[1] == pytest.approx(word.get_position()[1])
