@@ -42,6 +42,12 @@ class Stretch:
         every = self.reported_every
         return np.arange(every - self.passed % every, self.n_steps + 1, every)
 
+    @property
+    def n_reported(self) -> int:
+        """Number of steps at whose ends a point is reported."""
+        every = self.reported_every
+        return (self.n_steps + self.passed % every) // every if every else 0
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Mesh:
@@ -72,7 +78,7 @@ class Mesh:
     @cached_property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
-        return sum(one.reported.size for one in self.stretches)
+        return sum(one.n_reported for one in self.stretches)
 
     @cached_property
     def times(self) -> Array:
