@@ -2,6 +2,9 @@
 
 from command_line import fvi, rows_of
 
+import fvi_cli
+from fvi_cli.config import parse_config
+
 CONFIG = """
 problem:
   kind: bagley-torvik
@@ -33,6 +36,13 @@ def test_every_method_and_step_is_told(tmp_path):
         "unstable",
     ]
     assert "UNSTABLE" in result.output
+
+
+def test_step_sizes_are_fractions_where_they_are_some():
+    text = CONFIG.replace("final_time: 1.0", "final_time: 3.0").replace("[16, 64]", "[32, 48, 96]")
+    (figure,) = fvi_cli.figures(fvi_cli.stability(parse_config(text, "quick"))).values()
+    shown = [one.get_text() for one in figure.axes[0].get_xticklabels()]
+    assert shown == ["1/32", "1/16", "0.0938"]
 
 
 def test_members_of_a_sweep_are_told_too(tmp_path):

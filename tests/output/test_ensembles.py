@@ -6,6 +6,7 @@ from matplotlib.figure import Figure
 
 import fvi_cli as fvi
 from fvi_cli.reports.kinds.ensembles import ensembles
+from fvi_cli.reports.naming import members_in_words
 
 CONFIG = {
     "name": "cloud",
@@ -78,11 +79,14 @@ def test_the_table_has_mean_and_spread_of_the_peaks(outcome):
 def test_designs_with_a_sweep_have_a_mean_each():
     designs = {"free": {"problem.damping": []}, "damped": {}}
     (found,) = fvi.run({**CONFIG, "sweep": SWEEP, "designs": designs})
+    swept = "problem.initial.position = 0.2 ... 0.9 (7 values)"
+    assert members_in_words(found.experiment.members) == f"2 designs: free, damped; {swept}"
     free, damped = ensembles(found.finished, ["x"])
     assert (free.design, damped.design) == ("free", "damped")
     assert len(free.values) == len(damped.values) == 7
     assert not np.allclose(free.mean, damped.mean, rtol=1e-3)
     (alone,) = fvi.run({**CONFIG, "sweep": SWEEP})
+    assert members_in_words(alone.experiment.members) == f"7 members, {swept}"
     assert np.allclose(damped.mean, ensembles(alone.finished, ["x"])[0].mean, rtol=1e-12)
     drawn = found.plot({"ensemble": ["x"]})
     assert set(legend(drawn)) == {"standard deviation", "free", "damped"}
