@@ -32,6 +32,7 @@ _MOST_CELLS, _MOST_ROWS = 12, 30  # of more columns and rows every n-th has a na
 _BOX = 0.92  # height over width of every panel, so that slopes compare
 _LOST, _EDGE = 0.06, 0.02  # shares of the panel for a row of lost runs, and around the rows
 _CORNER, _RAY, _LONGER = (0.64, 0.05), 0.18, 0.06  # of the fan, as shares of the panel
+_CLEAR = 0.08  # between the fan and the curves
 DECADES = 60.0  # an axis that spans a smaller factor has ticks between the powers of 10
 
 
@@ -156,10 +157,7 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
 
 def lines(axes: Axes, panel: Panel) -> None:
     """Curves over an abscissa or in a plane."""
-    axes.set(
-        xscale="log" if "x" in panel.log else "linear",
-        yscale="log" if "y" in panel.log else "linear",
-    )
+    axes.set(**{f"{axis}scale": "log" for axis in panel.log})
     if panel.is_equal:
         axes.set_aspect("equal", adjustable="datalim")
     for level in panel.levels:
@@ -237,19 +235,27 @@ def _draw_lost(axes: Axes, curves: Sequence[Curve], losers: Sequence[str], share
 
 
 def _draw_fan(axes: Axes, panel: Panel) -> None:
-    """Rays from one corner, where no converging curve is: how steep an order is in this panel."""
+    """Rays from one corner, close below the curves at the right: how steep an order is here."""
     (left, right), (low, high) = np.log10(axes.get_xlim()), np.log10(axes.get_ylim())
     band = max(0.0, math.log10(panel.floor) - low) / (high - low) if panel.floor else 0.0
     corner = np.array(_CORNER) - (0.08 * bool(panel.stated), -band)
     rays = sorted([(order, "") for order in panel.orders] + [(p, "stated") for p in panel.stated])
-    for number, (order, source) in enumerate(rays):
-        ray = np.array([1 / (right - left), order * _BOX / (high - low)])
-        ray /= np.hypot(*ray)
-        end = corner + (_RAY + _LONGER * number) * ray / (1, _BOX)
-        (line,) = axes.plot(*zip(corner, end, strict=True), transform=axes.transAxes)
+    ends = [np.array([1 / (right - left), order * _BOX / (high - low)]) for order, _ in rays]
+    for number, end in enumerate(ends):
+        end *= (_RAY + _LONGER * number) / np.hypot(*end) / np.array([1, _BOX])
+    room = []
+    for one in panel.curves:
+        x, y = (np.log10([one.x, one.y]).T - (left, low)).T / [[right - left], [high - low]]
+        for place in (np.zeros(2), *ends):
+            reached = np.interp(corner[0] + place[0], x[y > 0], y[y > 0], np.nan, np.nan)
+            room.append(reached - corner[1] - place[1] - _CLEAR)
+    corner[1] += max(0.0, np.nanmin(room, initial=1.0)) if rays else 0.0
+    for (order, source), end in zip(rays, ends, strict=True):
+        (line,) = axes.plot(*zip(corner, corner + end, strict=True), transform=axes.transAxes)
         line.set(color=GREY, linewidth=0.8, zorder=1, linestyle="--" if source else "-")
-        words = "$h$" if order == 1 else f"$h^{{{fraction_in_words(order)}}}$"
-        note = axes.annotate(f"{words} {source}".rstrip(), tuple(end), tuple(2.5 * ray))
+        power = f"$h^{{{fraction_in_words(order)}}}$".replace("^{1}", "")
+        words = f"{order:g} stated" if source else power
+        note = axes.annotate(words, tuple(corner + end), (2.5, 0.0))
         note.set(color=GREY, fontsize=SMALL, va="center", ha="left")
         note.xycoords, note.anncoords = "axes fraction", "offset points"
 

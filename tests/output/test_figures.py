@@ -136,6 +136,13 @@ def test_slopes_are_those_of_theory_and_of_the_source(claims):
     assert sum(one.get_linestyle() == "--" for one in rays) == len(claims)
 
 
+def test_a_slope_that_no_curve_has_is_not_shown():
+    study = made_study(error=lambda run: 0.1 * run.step_size**1.5, claims={"bdf2": 2.5})
+    axes = plotting.convergence_figure([study]).axes[0]
+    words = [text.get_text() for text in axes.texts]
+    assert words == ["$h^{3/2}$", "2.5 stated"]
+
+
 def test_methods_of_two_degrees_have_two_panels():
     methods = [Method(cq=f"bdf{p}", degree=s) for p in (1, 2) for s in (1, 2)]
     figure = plotting.convergence_figure([made_study([*methods, Method(cq="gauss", degree=2)])])

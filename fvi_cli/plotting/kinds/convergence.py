@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,8 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.norms import Norm
 
 Study = tuple[Experiment, Sequence[FinishedRun]]
+
+_FINEST, _NEAR = 3, 0.07  # steps that tell the order of a curve, and how near it is, relative
 
 NORM_LABELS: dict[Norm, str] = {
     "max": r"$\mathrm{max}_k\,|x_k-x(t_k)|$",
@@ -72,12 +75,9 @@ def sweep_convergence_figure(experiment: Experiment, finished: Sequence[Finished
 
 def _ladder(experiment: Experiment, finished: Sequence[FinishedRun], **options: Any) -> Panel:
     """A panel of errors over step sizes, with slopes and floor; by default of every method."""
-    usual = {
-        "curves": error_curves(finished),
-        "x": step_label(experiment),
-        "y": _error_label(experiment),
-        **explained(finished),
-    }
+    curves = options.pop("curves", None) or error_curves(finished)
+    x, y = step_label(experiment), _error_label(experiment)
+    usual = {"curves": curves, "x": x, "y": y, **_explained(finished, curves)}
     return Panel(**usual | options)
 
 
@@ -110,19 +110,22 @@ def is_measured(one: FinishedRun) -> bool:
     return one.status in ("ok", "floor") and math.isfinite(one.error)
 
 
-def explained(finished: Sequence[FinishedRun]) -> dict[str, Any]:
-    """Orders of theory and of the source for a panel, and the floor if a run reaches it."""
+def _explained(finished: Sequence[FinishedRun], curves: Sequence[Curve]) -> dict[str, Any]:
+    """Orders that the finest runs of curves have, those of the source, and the floor if reached."""
     able = [one for one in finished if one.status == "ok"]
     finest = {one.run.method: one for one in sorted(able, key=lambda one: -one.run.step_size)}
     stated = (one.run.experiment.claim(one.run.method) for one in finest.values())
     claims = {claim for claim in stated if claim is not None}
-    orders = {one.order_smooth for one in finest.values() if math.isfinite(one.order_smooth)}
     floors = [one.floor for one in finished if is_measured(one) and one.error < one.floor]
-    return {
-        "orders": sorted(orders),
-        "stated": sorted(claims - orders),
-        "floor": max(floors, default=0.0),
-    }
+    theory = {one.order_smooth for one in finest.values() if math.isfinite(one.order_smooth)}
+    floor, orders = max(floors, default=0.0), set()
+    for one in curves:
+        x, y = one.x[one.y > floor], one.y[one.y > floor]
+        slopes = np.diff(np.log(y)) / np.diff(np.log(x))
+        slope = np.median(slopes[:_FINEST]) if x.size > 1 else 0.0
+        usual = (*theory, round(2.0 * slope) / 2.0)  # where theory has no order, halves
+        orders |= set([order for order in usual if abs(slope - order) < _NEAR * order][:1])
+    return {"orders": sorted(orders), "stated": sorted(claims - orders), "floor": floor}
 
 
 def step_label(experiment: Experiment) -> str:
@@ -160,19 +163,14 @@ def saturation_figure(studies: Sequence[Study]) -> Figure:
 
 
 def _saturation(experiment: Experiment, rows: Sequence[FinishedRun], b: float) -> Panel:
-    """The ladders of one exponent in one norm, with the slope of the highest order."""
-    problem = experiment.problem
-    order = problem.order if isinstance(problem, DerivativeProblem) else math.nan
-    limit = {"max": b - order, "l2": b - order + 0.5, "final": b + 1.0}[experiment.norm]
-    where = {"max": "largest", "l2": "mean square", "final": f"at $t={problem.final_time:g}$"}
+    """The ladders of one exponent in one norm, with the highest slope up to the limit."""
+    order, end = getattr(experiment.problem, "order", math.nan), experiment.problem.final_time
+    where = {"max": "largest", "l2": "mean square", "final": f"at $t={end:g}$"}
     power = f"^{{{fraction_in_words(order)}}}"
-    return _ladder(
-        experiment,
-        rows,
-        title=f"{where[experiment.norm]}, $b={b:g}$",
-        y=f"$|D_h{power}f-D{power}f|$",
-        orders=[min(limit, max(one.run.method.order for one in rows))],
-    )
+    title, y = f"{where[experiment.norm]}, $b={b:g}$", f"$|D_h{power}f-D{power}f|$"
+    panel = _ladder(experiment, rows, title=title, y=y)
+    limit = {"max": b - order, "l2": b - order + 0.5, "final": b + 1.0}[experiment.norm]
+    return replace(panel, orders=[one for one in panel.orders if one <= limit][-1:])
 
 
 def _exponent(experiment: Experiment) -> float:

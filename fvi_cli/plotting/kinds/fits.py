@@ -41,14 +41,9 @@ def _motions(result: FitResult) -> Figure:
     columns = [_column(result, models, index) for index in range(count)]
     forces = next((one.forces for one in result.settings.data if one.forces), ())
     heading = f"load: {', '.join(map(load_in_words, forces))}" if forces else ""
-    return figure(
-        [panel for row in zip(*columns, strict=True) for panel in row],
-        lines,
-        columns=count,
-        height=(1.9, *[0.95] * len(models)),
-        sharex="col",
-        heading=heading,
-    )
+    drawn, height = [one for row in zip(*columns, strict=True) for one in row], [1.9]
+    height += [0.95] * len(models)
+    return figure(drawn, lines, columns=count, height=height, sharex="col", heading=heading)
 
 
 def _column(result: FitResult, models: Sequence[ModelFit], index: int) -> list[Panel]:
