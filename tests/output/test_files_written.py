@@ -67,6 +67,15 @@ def test_a_command_writes_these_files_and_no_other(command, text, tmp_path):
     assert written(tmp_path / "results") == WRITTEN[command, text]
 
 
+def test_a_figure_that_is_not_drawn_says_why(tmp_path):
+    config = tmp_path / "made.yaml"
+    more = "events: {far: {when: x - 9}}\nfigures: [trajectory, {section: far}]\n"
+    config.write_text(configuration(OSCILLATOR, name="made", more=more), encoding="utf-8")
+    done = fvi("plot", config, "-o", tmp_path / "results", code=0)
+    assert "made: no section-far figure, since the event far did not happen" in done.stderr
+    assert written(tmp_path / "results") == {"made.h5", "figures/made-trajectory.png"}
+
+
 def test_a_fit_writes_its_table_figures_and_configuration(tmp_path):
     fvi("fit", "fit-decay", "-q", "-o", tmp_path, code=0)
     assert written(tmp_path) == {
