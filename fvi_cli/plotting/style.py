@@ -73,12 +73,13 @@ class Look:
     colour: str
     marker: str = ""
     dashes: LineStyle = "-"
+    is_hollow: bool = False
     width: float | None = None  # points; 0: no line
     size: float | None = None
 
     def properties(self, width: float, size: float) -> dict[str, Any]:
         """Keyword arguments of a line; `width` and `size` where the look has none of its own."""
-        is_open = self.marker in ("x", "+", "|")
+        is_open = self.is_hollow or self.marker in ("x", "+", "|")
         size = size if self.size is None else self.size
         return {
             "color": self.colour,
@@ -86,6 +87,7 @@ class Look:
             "linewidth": width if self.width is None else self.width,
             "marker": self.marker,
             "markersize": size,
+            "markerfacecolor": "white" if self.is_hollow else self.colour,
             "markeredgecolor": self.colour if is_open else "white",
             "markeredgewidth": 0.9 if is_open else 0.5 if size > 3 else 0.0,
         }
@@ -109,12 +111,13 @@ def dots(colour: str, size: float) -> Look:
 def method_words(methods: Sequence[AnyMethod]) -> dict[str, dict[str, Any]]:
     """Label and look of the curve of every method by its case; looks are the same in every figure.
 
-    The label is the family where no other of these methods is of the same. Colour and marker belong
-    to the family and its order or stages; methods that differ otherwise have dashes. Where all
-    methods are of one family, each has a colour of its own.
+    The label is the family, and how the method differs in it. Colour and marker belong to family
+    and order or stages; methods that differ otherwise have dashes. Where all are of one family,
+    each has a colour of its own, and every other one hollow marks.
     """
     distinct = {method.case: method for method in methods}
     counts = Counter(method.family for method in distinct.values())
+    parts = {case: re.split(r", (?!t\^)", method.variant) for case, method in distinct.items()}
     seen: Counter[str] = Counter()
     words = {}
     for index, (case, method) in enumerate(distinct.items()):
@@ -124,9 +127,11 @@ def method_words(methods: Sequence[AnyMethod]) -> dict[str, dict[str, Any]]:
         seen[method.family] += 1
         look = replace(_look(method), dashes=_DASHES[place % len(_DASHES)])
         if len(counts) == 1 < len(distinct):
-            look = replace(cycled(index), marker=_MARKERS[index % 10])
-        label = re.sub(r"t\^([\d.]+)", r"$t^{\1}$", method.label)
-        words[case] = {"label": label if counts[method.family] > 1 else method.family, "look": look}
+            look = replace(cycled(index), marker=_MARKERS[index % 10], is_hollow=index % 2 == 1)
+        alike = [parts[other] for other in distinct if distinct[other].family == method.family]
+        own = [part for part in parts[case] if part and not all(part in one for one in alike)]
+        label = re.sub(r"t\^([\d.]+)", r"$t^{\1}$", ", ".join([method.family, *own]))
+        words[case] = {"label": label, "look": look}
     return words
 
 

@@ -139,12 +139,5 @@ def _region_figure(maps: Sequence[StabilityMap]) -> Figure:
     for own in families.values():
         own += [None] * (-len(own) % columns)
     order = fraction_in_words(maps[0].order)
-    return figure(
-        list(chain(*families.values())),
-        cells,
-        columns=columns,
-        height=1.5,
-        sharex=True,
-        sharey=True,
-        heading=rf"damping of order $\gamma = {order}$",
-    )
+    drawn, name = list(chain(*families.values())), rf"damping of order $\gamma = {order}$"
+    return figure(drawn, cells, columns=columns, height=1.5, sharex=True, sharey=True, heading=name)
