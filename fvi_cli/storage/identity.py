@@ -11,6 +11,7 @@ import json
 from collections.abc import Mapping
 from itertools import chain
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -30,6 +31,10 @@ METHOD_KEYS: Final = ("method", "n_steps")
 """Settings in which the runs of one variant of an experiment differ."""
 
 
+_IDENTITIES: WeakKeyDictionary[Run, tuple[int, str]] = WeakKeyDictionary()
+"""Keys of runs, which looking up, computing, storing and reading ask for, with the version."""
+
+
 def canonical_json(value: object) -> str:
     """JSON with sorted keys and without spaces: equal values give equal text."""
     return json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -46,8 +51,12 @@ def identity_of(run: Run) -> str:
     A member of a sweep has the identity of the same run without a sweep. A run for a tolerance has
     neither method nor steps, which it chooses.
     """
-    settings = _settings(run.experiment, run.method, run.n_steps)
-    return sha256(f"{SOLVER_VERSION} {settings} {canonical_json(_problem(run))}")
+    known = _IDENTITIES.get(run)
+    if known is None or known[0] != SOLVER_VERSION:
+        settings = _settings(run.experiment, run.method, run.n_steps)
+        text = f"{SOLVER_VERSION} {settings} {canonical_json(_problem(run))}"
+        known = _IDENTITIES[run] = (SOLVER_VERSION, sha256(text))
+    return known[1]
 
 
 def reference_identity_of(run: Run) -> str:

@@ -253,7 +253,8 @@ class Store:
                 one.unlink(missing_ok=True)
             self.look()
             parts = self.parts()
-            needed = {f(run) for run in requested for f in (identity_of, reference_identity_of)}
+            keys = (identity_of, reference_identity_of) if prunes else ()
+            needed = {key_of(run) for run in requested for key_of in keys}
 
             def is_kept(identity: str, source: Path) -> bool:
                 place = self._places.get(identity)

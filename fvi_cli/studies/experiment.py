@@ -152,7 +152,7 @@ def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
     return None
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
+@dataclass(frozen=True, kw_only=True, eq=False, slots=True, weakref_slot=True)
 class Subject:
     """The subject of a study: an experiment, or one member of its sweep."""
 
