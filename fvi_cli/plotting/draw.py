@@ -151,8 +151,8 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
             if not look["marker"]:
                 (dot,) = axes.plot(x, y, "o", color=look["color"], markersize=4.2, clip_on=False)
                 dot.set(markeredgecolor="white", zorder=6)
-            note = axes.annotate(text, (x, y), xytext=(3, 1), textcoords="offset points", zorder=7)
-            note.set(fontsize=SMALL, color=look["color"])
+            note = axes.annotate(text, (x, y), (4, 1), textcoords="offset points", zorder=7)
+            note.set(fontsize=SMALL, color=look["color"], va="bottom" if y >= 0 else "center")
 
 
 def lines(axes: Axes, panel: Panel) -> None:
@@ -161,7 +161,7 @@ def lines(axes: Axes, panel: Panel) -> None:
     if panel.is_equal:
         axes.set_aspect("equal", adjustable="datalim")
     for level in panel.levels:
-        axes.axhline(level, color=PALE, linewidth=0.6, zorder=0)
+        axes.axhline(level, color=PALE, linewidth=0.8, zorder=0)
     draw_curves(axes, panel.curves)
     if panel.xlim:
         axes.set_xlim(*panel.xlim)

@@ -21,8 +21,9 @@ def fraction_in_words(value: float) -> str:
 
 
 def number_in_words(value: float) -> str:
-    """A number with three digits, without a power of 10 where it is usual: ``20500``."""
-    return f"{float(f'{value:.3g}'):g}".replace("-", "\N{MINUS SIGN}")
+    """A number with three digits, without a power of 10 where that is usual: ``20500``."""
+    words = f"{float(f'{value:.3g}'):g}".replace("-", "\N{MINUS SIGN}")
+    return re.sub(r"e\+?(\N{MINUS SIGN}?)0*(\d+)", r"$\\times10^{\1\2}$", words)
 
 
 def letter(name: str) -> str:

@@ -63,12 +63,8 @@ def _column(result: FitResult, models: Sequence[ModelFit], index: int) -> list[P
     ]
     panels = [Panel(curves=curves, x=x, y=label, title=title, log=log + "y" * is_size)]
     ends, noise = series.times[[0, -1]], np.full(2, 2 * best.deviation)
-    zero = Curve(
-        x=ends,
-        y=np.zeros(2),
-        look=Look(colour=GREY, width=0.5),
-        bands=[("noise, $2\\sigma$", -noise, noise)],
-    )
+    look, bands = Look(colour=GREY, width=0.5), [("noise, $2\\sigma$", -noise, noise)]
+    zero = Curve(x=ends, y=np.zeros(2), look=look, bands=bands)
     for one in models:
         left = Curve(x=series.times, y=-one.series[index].residuals, look=dots(COLOURS[0], 2.2))
         worse = one.criterion - result.best.criterion

@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -16,7 +17,7 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.plotting.draw import figure, lines
 from fvi_cli.plotting.kinds.runs import Motion, Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import BLACK, EXACT
+from fvi_cli.plotting.style import EXACT, INK, Look
 from fvi_cli.plotting.words import coordinates_of, number_in_words, position_label, time_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.scenes.problem import Problem
@@ -79,12 +80,12 @@ def drawn_velocity(item: FinishedRun) -> Array:
 
 
 def over_time(
-    experiment: Experiment, shown: Shown, motions: Mapping[str, Motion], log: str = ""
+    experiment: Experiment, shown: Shown, motions: Mapping[str, Motion], **options: Any
 ) -> list[Panel]:
     """Panels of runs over time: a row for each of `motions` with its label, in columns."""
     x = time_label(experiment)
     return [
-        Panel(curves=shown.curves(motion, own), x=x, y=label, log=log)
+        Panel(curves=shown.curves(motion, own), x=x, y=label, **options)
         for label, motion in motions.items()
         for own in shown.columns.values()
     ]
@@ -121,7 +122,7 @@ def trajectory_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
         if len(names) == 1:
             label = with_unit("error $x_k-x(t_k)$", experiment.units, "length")
             below = {label: lambda item: (item.trajectory.time, _error(item)[:, 0])}
-            panels += over_time(experiment, shown, below)
+            panels += over_time(experiment, shown, below, levels=[0.0])
     return figure_over_time(panels, shown)
 
 
@@ -139,26 +140,22 @@ def _error(item: FinishedRun) -> Array:
 
 
 def energy_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
-    """Draw the Hamiltonian without forcing; below the relative difference to the exact one."""
-    shown = select(
-        experiment,
-        finished,
-        lambda one: one.trajectory.energy is not None,
-        NO_MOMENTUM,
-        in_columns=True,
-    )
+    """Draw the Hamiltonian without forcing; below the difference to the exact one."""
+    usable = {one for one in finished if one.trajectory.energy is not None}
+    shown = select(experiment, finished, usable.__contains__, NO_MOMENTUM, in_columns=True)
     label = with_unit("energy $H$", experiment.units, "energy")
     panels = over_time(experiment, shown, {label: _energy})
     true = None if experiment.members else _exact_energy(experiment)
     if true is not None:
 
-        def relative(item: FinishedRun) -> tuple[Array, Array]:
+        def difference(item: FinishedRun) -> tuple[Array, Array]:
             times, energy = _energy(item)
-            return times, _size(energy / np.interp(times, *true) - 1.0)
+            return times, energy - np.interp(times, *true)
 
         exact = Curve(x=true[0], y=true[1], label="exact", look=EXACT)
         panels = [replace(panel, curves=[exact, *panel.curves]) for panel in panels]
-        panels += over_time(experiment, shown, {"$|H_k/H(t_k)-1|$": relative}, "y")
+        words = with_unit("$H_k-H(t_k)$", experiment.units, "energy")
+        panels += over_time(experiment, shown, {words: difference}, levels=[0.0])
     return figure_over_time(panels, shown)
 
 
@@ -179,10 +176,11 @@ def error_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
     words = r"error $\max_i\,|x_{i,k}-x_i(t_k)|$" if several else "error $|x_k-x(t_k)|$"
 
     def size(item: FinishedRun) -> tuple[Array, Array]:
-        return item.trajectory.time, _size(np.abs(_error(item)).max(axis=1))
+        error = np.abs(_error(item)).max(axis=1)
+        return item.trajectory.time, np.where(error == 0, np.nan, error)
 
     label = with_unit(words, experiment.units, "length")
-    return figure_over_time(over_time(experiment, shown, {label: size}, "y"), shown)
+    return figure_over_time(over_time(experiment, shown, {label: size}, log="y"), shown)
 
 
 def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -209,18 +207,19 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
         for label, values in parts.items()
         if values is not None and np.any(values)
     ]
-    black = replace(BLACK, width=1.6)
-    curves.append(Curve(x=found.time, y=total, label=f"${together}$", look=black))
+    look = Look(colour=INK, dashes=":", width=1.6)
+    curves.append(Curve(x=found.time, y=total, label=f"${together}$", look=look))
 
     def defect(item: FinishedRun) -> tuple[Array, Array]:
-        return _diagnostics(item).time, _size(_diagnostics(item).energy_defect)
+        return _diagnostics(item).time, _diagnostics(item).energy_defect
 
     defects = shown.curves(defect)
     if len(defects) == 1:
         defects = [replace(defects[0], label="")]
     upper = with_unit("energy, work", units, "energy")
-    lower = with_unit(f"$|{together}-E_0|$", units, "energy")
-    panels = [Panel(curves=curves, y=upper, x=x), Panel(curves=defects, y=lower, x=x, log="y")]
+    lower = with_unit(f"${together}-E_0$", units, "energy")
+    below = Panel(curves=defects, y=lower, x=x, levels=[0.0])
+    panels = [Panel(curves=curves, y=upper, x=x), below]
     return figure(panels, lines, height=(1.9, 1.3), sharex=True)
 
 
@@ -229,11 +228,6 @@ def _diagnostics(item: FinishedRun) -> Diagnostics:
     if found is None:
         raise NothingToDraw("the run has no energy balance")
     return found
-
-
-def _size(values: Array) -> Array:
-    """Sizes on a logarithmic axis; 0 is not drawn."""
-    return np.where(values == 0, np.nan, np.abs(values))
 
 
 def _exact_energy(experiment: Experiment) -> tuple[Array, Array] | None:
@@ -257,7 +251,7 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     stems = {name: re.sub(r"_\d+$", "", name) for name in observed_of(shown.best).extents}
     for name, stem in stems.items():
         together = len(shown.runs) == 1 and list(stems.values()).count(stem) > 1
-        label = quantity_label(experiment, name, stem if together else name)
+        label = quantity_label(experiment, name, is_group=together)
         groups.setdefault(label, []).append(name)
     panels = []
     for label, names in list(groups.items())[:_MOST_PANELS]:
@@ -265,11 +259,9 @@ def quantities_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
             motions = [functools.partial(_quantity, name=name) for name in names]
             curves = [one for motion in motions for one in shown.curves(motion, runs)]
             if len(shown.runs) == 1:
-                words = [name.replace("_", " ") * (len(names) > 1) for name in names]
-                curves = [
-                    replace(one, label=word, look=None)
-                    for one, word in zip(curves, words, strict=True)
-                ]
+                words = [_in_words(experiment, name) * (len(names) > 1) for name in names]
+                pairs = zip(curves, words, strict=True)
+                curves = [replace(one, label=word, look=None) for one, word in pairs]
             if not experiment.members:
                 peaks = [_peak(item, name) for name in names for item in runs]
                 place = max(range(len(peaks)), key=lambda k: abs(peaks[k][1]))
@@ -286,10 +278,22 @@ def _peak(item: FinishedRun, name: str) -> tuple[float, float, str]:
     return one.peak_time, height, number_in_words(height)
 
 
-def quantity_label(experiment: Experiment, name: str, words: str = "") -> str:
-    """The label of an axis of a quantity."""
+def quantity_label(experiment: Experiment, name: str, *, is_group: bool = False) -> str:
+    """The label of an axis of a quantity, or of those of its kind."""
     kinds = (name, "force") if name in forces_of(experiment) else (name,)
-    return with_unit((words or name).replace("_", " "), experiment.units, *kinds)
+    words = _in_words(experiment, name)
+    words = re.sub(r"( of storey| of damper)? \d+$", "", words) if is_group else words
+    return with_unit(words, experiment.units, *kinds)
+
+
+def _in_words(experiment: Experiment, name: str) -> str:
+    """``drift of storey 3`` for drift_3, ``force of wall 1`` for force_wall_1 of those ready."""
+    texts = experiment.observations.quantities or {}
+    if name in experiment.problem.ready:
+        name = re.sub(r"^(drift|acceleration)_(?=\d)", r"\1 of storey ", name)
+    if name in forces_of(experiment) and texts[name].text.strip() == name:
+        name = re.sub("^force_", "force of ", re.sub(r"^force_(?=\d)", "force of damper ", name))
+    return name.replace("_", " ")
 
 
 def _quantity(item: FinishedRun, name: str) -> tuple[Array, Array]:

@@ -170,8 +170,9 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
     It shows the most accurate run with its loops, or the members of a sweep.
     """
     if not (forces := forces_of(experiment)):
-        words = "no quantity is the force of a damper; write quantities: {force: force_1}"
-        raise NothingToDraw(words)
+        raise NothingToDraw(
+            "no quantity is the force of a damper; write quantities: {force: force_1}"
+        )
     shown = select(experiment, finished, has_quantities, NO_QUANTITIES)
     best = within_steps(shown.best)
     panels = []

@@ -74,10 +74,8 @@ class Shown:
 
     def curves(self, motion: Motion, runs: Sequence[FinishedRun] | None = None) -> list[Curve]:
         """A curve for every run by `motion`, its abscissas and ordinates, and :func:`mean_of`."""
-        curves = []
-        for one in self.runs if runs is None else runs:
-            x, y = motion(one)
-            curves.append(Curve(x=x, y=y, **self.words[one]))
+        pairs = [(motion(one), self.words[one]) for one in (self.runs if runs is None else runs)]
+        curves = [Curve(x=x, y=y, **words) for (x, y), words in pairs]
         return [*curves, *mean_of(curves)]
 
 
