@@ -85,6 +85,7 @@ def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
     assert len(experiment(sweep).members) == 300
 
 
+@pytest.mark.few(3)
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_sweep_in_a_starter_file_is_valid_when_it_is_switched_on(kind):
     text = starter_config(kind)

@@ -94,6 +94,7 @@ def _renewed(request):
             renew()
 
 
+@pytest.mark.few(240)
 @pytest.mark.parametrize(("file", "number"), list(mistakes()))
 def test_what_is_told_of_a_mistake(file, number, monkeypatch):
     monkeypatch.setattr(machine, "machine_bytes", lambda: 8 * 10**9)
