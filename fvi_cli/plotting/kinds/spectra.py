@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from fvi_cli.plotting.draw import figure, lines
 from fvi_cli.plotting.kinds.runs import distinguish
 from fvi_cli.plotting.panels import Curve, Panel
-from fvi_cli.plotting.style import INK, Look, cycled, dots
+from fvi_cli.plotting.style import Look, cycled, dots
 from fvi_cli.plotting.words import load_in_words
 from fvi_cli.reports.kinds.vibration import magnitude_label
 from fvi_cli.reports.naming import with_unit
@@ -70,7 +70,7 @@ def modes_figure(tables: Sequence[ModeTable]) -> Figure:
 def response_figure(tables: Sequence[ResponseTable]) -> Figure:
     """Magnitude above, phase below.
 
-    A single response has half-power widths, and loss factors beside its peaks.
+    The first output of a single response has half-power widths with loss factors beside them.
     """
     first, is_one = tables[0], len(tables) == 1
     names, titles = distinguish([one.of_member for one in tables], tables[0].units)
@@ -80,16 +80,12 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
             own = {"look": cycled(index if is_one else place), **words}
             if "by" not in own and (is_one or len(table.outputs) > 1):
                 own["label"] = ", ".join(filter(None, [output, words.get("label")]))
-            peaks = [peak for peak in table.peaks if is_one and peak.at == output]
-            marks = [
-                (peak.hertz, peak.magnitude, rf"$\eta = {peak.loss_factor:.2g}$")
-                for peak in peaks[: _MOST_NUMBERED * (index == 0)]
-                if math.isfinite(peak.loss_factor)
-            ]
-            size = table.magnitude[:, index]
-            upper.append(Curve(x=table.hertz, y=size, marks=marks, **own))
-            lower.append(replace(upper[-1], y=table.phase[:, index] / 180.0, marks=(), label=""))
-            upper += [_half_power(peak) for peak in peaks if math.isfinite(peak.high - peak.low)]
+            # bars of further outputs would lie over these
+            peaks = [peak for peak in table.peaks if is_one and peak.at == output and index == 0]
+            upper.append(Curve(x=table.hertz, y=table.magnitude[:, index], **own))
+            lower.append(replace(upper[-1], y=table.phase[:, index] / 180.0, label=""))
+            found = [peak for peak in peaks if math.isfinite(peak.loss_factor)]
+            upper += [_half_power(peak, cycled(index).colour) for peak in found[:_MOST_NUMBERED]]
     steps = np.diff(first.hertz)
     log = "x" * bool(steps[-1] > 2.0 * steps[0])
     x = with_unit("frequency", first.units, "frequency")
@@ -102,8 +98,8 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
     return figure(panels, lines, height=(2.3, 1.2), sharex=True, **{**titles, "heading": heading})
 
 
-def _half_power(peak: Peak) -> Curve:
+def _half_power(peak: Peak, colour: str) -> Curve:
     ends, height = np.array([peak.low, peak.high]), peak.magnitude / math.sqrt(2.0)
-    return Curve(
-        x=ends, y=np.full(2, height), look=Look(colour=INK, marker="|", width=0.8, size=4.0)
-    )
+    look = Look(colour=colour, marker="|", width=0.8, size=4.0)
+    words = (peak.high, height, rf"$\eta = {peak.loss_factor:.2g}$")
+    return Curve(x=ends, y=np.full(2, height), look=look, marks=[words])
