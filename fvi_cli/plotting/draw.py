@@ -153,6 +153,8 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
                 dot.set(markeredgecolor="white", zorder=6)
             note = axes.annotate(text, (x, y), (4, 1), textcoords="offset points", zorder=7)
             note.set(fontsize=SMALL, color=look["color"], va="bottom" if y >= 0 else "center")
+            if not look["marker"]:
+                note.set_bbox({"fc": axes.get_facecolor(), "alpha": 0.8, "pad": 0.3, "lw": 0})
 
 
 def lines(axes: Axes, panel: Panel) -> None:

@@ -255,6 +255,17 @@ def test_a_waterfall_lifts_every_line_by_one_factor():
     np.testing.assert_allclose(ground.get_ydata(), np.sin(3 * ground.get_xdata()), atol=1e-12)
 
 
+def test_a_path_has_its_start_and_end_and_the_name_of_its_method_above():
+    outcome = run_of(SCENES["planet"])
+    figure = outcome.plot("path")
+    (axes,), (start, end) = figure.axes, outcome.finished[0].trajectory.position[[0, -1]]
+    found = {words.get_text(): words.xy for words in axes.texts}
+    assert found["start"] == pytest.approx(start)
+    assert found["end"] == pytest.approx(end)
+    assert axes.get_title(loc="left") == "Gauss2"
+    assert not figure.legends
+
+
 def test_ready_quantities_are_named_in_words():
     (first, second) = run_of(SCENES["building"]).plot("quantities").axes
     labels = [axes.get_ylabel().replace("\n", " ") for axes in (first, second)]

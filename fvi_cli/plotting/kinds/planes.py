@@ -27,14 +27,13 @@ from fvi_cli.plotting.kinds.motions import (
 )
 from fvi_cli.plotting.kinds.runs import Shown, select
 from fvi_cli.plotting.panels import Curve, NothingToDraw, Panel
-from fvi_cli.plotting.style import BLACK, COLOURS, INK, Look, cycled, dots
+from fvi_cli.plotting.style import BLACK, COLOURS, GREY, INK, Look, cycled, dots
 from fvi_cli.plotting.words import coordinates_of, position_label, time_label, velocity_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
 
 _MANY = 200  # from this number on points are small
-_FIXED = {"kepler": "centre", "double-pendulum": "pivot"}
 _MOST_LINES = 24  # of a chain or frame with more masses every n-th is drawn
 _SHAPES, _POINTS = 17, 201  # times at which the shape of a string is drawn, and points of each
 _WATERFALLS = {"chain": "mass", "frame": "storey", "string": "", "structure": "coordinate"}
@@ -55,16 +54,17 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
         NO_MOMENTUM,
     )
     motions = {one: (drawn_motion(one)[1], drawn_velocity(one)) for one in shown.runs}
-    dimension = shown.best.trajectory.position.shape[1]
-    panels = [
-        Panel(
-            curves=_paths(shown, motions, k, k),
-            x=position_label(experiment, name),
-            y=velocity_label(experiment, name),
-        )
-        for k, name in enumerate(coordinates_of(experiment, dimension)[:MOST_COMPONENTS])
-    ]
+    dimension, panels = shown.best.trajectory.position.shape[1], []
+    for k, name in enumerate(coordinates_of(experiment, dimension)[:MOST_COMPONENTS]):
+        x, y = position_label(experiment, name), velocity_label(experiment, name)
+        title = "" if k else _title(shown)
+        panels.append(Panel(curves=_paths(shown, motions, k, k), x=x, y=y, title=title))
     return _planes(panels, **shown.titles)
+
+
+def _title(shown: Shown) -> str:
+    """The name of a single run, which needs no legend."""
+    return shown.words[shown.best].get("label", "") if len(shown.runs) == 1 else ""
 
 
 def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -84,31 +84,37 @@ def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figu
     else:
         motions = {one: (drawn_motion(one)[1],) * 2 for one in shown.runs}
         curves = _paths(shown, motions, 0, 1)
-    if kind in _FIXED:
-        curves.append(Curve(x=np.zeros(1), y=np.zeros(1), label=_FIXED[kind], look=_CROSS))
-    return _planes([Panel(curves=curves, x=labels[0], y=labels[1], is_equal=True)], **shown.titles)
+    if kind == "kepler":
+        centre = (0.0, 0.0, "centre")
+        curves.append(Curve(x=np.zeros(1), y=np.zeros(1), look=_CROSS, marks=[centre]))
+    panel = Panel(curves=curves, x=labels[0], y=labels[1], title=_title(shown), is_equal=True)
+    return _planes([panel], **shown.titles)
 
 
 def _paths(
     shown: Shown, motions: Mapping[FinishedRun, tuple[Array, Array]], first: int, second: int
 ) -> list[Curve]:
-    """Thin curves of a component of each of two motions, and a point where the last one starts."""
+    """Thin curves of a component of each of two motions, with start and end of the last."""
     curves = shown.curves(lambda one: (motions[one][0][:, first], motions[one][1][:, second]))
     thin = [replace(one, look=one.look and replace(one.look, width=0.9)) for one in curves]
     last = thin[-1]
-    return [*thin[:-1], replace(last, marks=[(float(last.x[0]), float(last.y[0]), "start")])]
+    marks = [(float(last.x[k]), float(last.y[k]), word) for k, word in ((0, "start"), (-1, "end"))]
+    return [*thin[:-1], replace(last, marks=marks, label=last.label * (len(thin) > 1))]
 
 
 def _pendulum(experiment: Experiment, angles: Array) -> list[Curve]:
-    """Paths of both masses of a double pendulum."""
+    """Paths of both masses of a double pendulum, and its rods at the start and at the end."""
     lengths = np.array(experiment.problem_specification.get("lengths", (1.0, 1.0)), dtype=float)
     x = np.cumsum(lengths * np.sin(angles), axis=1)
     y = np.cumsum(-lengths * np.cos(angles), axis=1)
     looks = (Look(colour=COLOURS[1], width=1.4), Look(colour=COLOURS[0], width=0.9))
-    return [
-        Curve(x=x[:, k], y=y[:, k], label=label, look=looks[k])
-        for k, label in enumerate(("first mass", "second mass"))
-    ]
+    curves = []
+    for k, mass, word, colour in ((0, "first", "start", GREY), (1, "second", "end", INK)):
+        curves.append(Curve(x=x[:, k], y=y[:, k], label=f"{mass} mass", look=looks[k]))
+        rods, marks = np.array([[0.0, *x[-k]], [0.0, *y[-k]]]), [(x[-k, 1], y[-k, 1], word)]
+        look = Look(colour=colour, marker="o", width=1.6, size=4.0)
+        curves.append(Curve(x=rods[0], y=rods[1], look=look, marks=marks))
+    return curves
 
 
 def occurrences_of(

@@ -175,9 +175,5 @@ def by_degree(finished: Sequence[FinishedRun]) -> dict[str, list[FinishedRun]]:
     every = sorted(set(degrees) - {0})
     if len(every) < 2:
         return {"": list(finished)}
-    return {
-        f"degree {degree}": [
-            one for one, own in zip(finished, degrees, strict=True) if own in (0, degree)
-        ]
-        for degree in every
-    }
+    pairs = list(zip(finished, degrees, strict=True))
+    return {f"degree {n}": [one for one, own in pairs if own in (0, n)] for n in every}
