@@ -68,7 +68,7 @@ def figure(
     if bar:
         colours = _colours([panel for *_, panel in used])
         used = [(k, axes, _coloured(panel, colours)) for k, axes, panel in used]
-        made.colorbar(colours, ax=list(grid.flat), location="top", aspect=40, label=wrap(bar, 50))
+        made.colorbar(colours, ax=list(grid.flat), aspect=30, label=wrap(bar, 40))
     for number, (place, axes, panel) in enumerate(used):
         row, column = divmod(place, columns)
         painter(axes, panel)

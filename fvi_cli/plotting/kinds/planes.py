@@ -147,7 +147,7 @@ def section_figure(
         for item in shown.runs
         for event, one in occurrences_of(item, name, after).items()
     ]
-    size = 1.9 if sum(one.time.size for one, *_ in points) > _MANY else 3.4
+    size = 1.5 if sum(one.time.size for one, *_ in points) > _MANY else 3.4
     is_plain = len(shown.runs) == 1
     panels = []
     for k, coordinate in enumerate(coordinates_of(experiment)[:MOST_COMPONENTS]):
