@@ -148,12 +148,11 @@ def draw_curves(axes: Axes, curves: Sequence[Curve]) -> None:
             area.set(alpha=0.18 * (place + 1), label=label)
         axes.plot(curve.x, curve.y, label=curve.label, **look)
         for x, y, text in curve.marks:
-            if not look["marker"]:
-                (dot,) = axes.plot(x, y, "o", color=look["color"], markersize=4.2, clip_on=False)
-                dot.set(markeredgecolor="white", zorder=6)
             note = axes.annotate(text, (x, y), (4, 1), textcoords="offset points", zorder=7)
             note.set(fontsize=SMALL, color=look["color"], va="bottom" if y >= 0 else "center")
             if not look["marker"]:
+                (dot,) = axes.plot(x, y, "o", color=look["color"], markersize=4.2, clip_on=False)
+                dot.set(markeredgecolor="white", zorder=6)
                 note.set_bbox({"fc": axes.get_facecolor(), "alpha": 0.8, "pad": 0.3, "lw": 0})
 
 

@@ -262,7 +262,7 @@ def test_a_path_has_its_start_and_end_and_the_name_of_its_method_above():
     found = {words.get_text(): words.xy for words in axes.texts}
     assert found["start"] == pytest.approx(start)
     assert found["end"] == pytest.approx(end)
-    assert axes.get_title(loc="left") == "Gauss2"
+    assert axes.get_title(loc="left") == "Gauss2, $h=0.125$"
     assert not figure.legends
 
 

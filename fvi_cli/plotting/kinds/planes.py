@@ -63,8 +63,9 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
 
 
 def _title(shown: Shown) -> str:
-    """The name of a single run, which needs no legend."""
-    return shown.words[shown.best].get("label", "") if len(shown.runs) == 1 else ""
+    """Method of a single run, which needs no legend, and step size."""
+    name = shown.words[shown.best].get("label", "") if len(shown.runs) == 1 else ""
+    return ", ".join(filter(None, [name, *shown.columns]))
 
 
 def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -148,7 +149,6 @@ def section_figure(
         for event, one in occurrences_of(item, name, after).items()
     ]
     size = 1.5 if sum(one.time.size for one, *_ in points) > _MANY else 3.4
-    is_plain = len(shown.runs) == 1
     panels = []
     for k, coordinate in enumerate(coordinates_of(experiment)[:MOST_COMPONENTS]):
         curves = [
@@ -156,7 +156,7 @@ def section_figure(
                 x=one.position[:, k],
                 y=one.velocity[:, k],
                 look=dots(cycled(number).colour, size),
-                label=event if is_plain else f"{event}, {words.get('label', '')}",
+                label=event if len(shown.runs) == 1 else f"{event}, {words.get('label', '')}",
                 by=words.get("by", math.nan),
             )
             for number, (one, event, words) in enumerate(points)

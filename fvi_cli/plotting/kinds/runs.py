@@ -142,10 +142,13 @@ def _members(experiment: Experiment, shown: Sequence[FinishedRun], *, in_columns
     key = min(counts, key=lambda one: counts[one]) if is_many else ""
     key = key if 1 < counts.get(key, 0) <= _MOST_PANELS else ""
     label = key and f"{key_label(key, units, first.specification, experiment.swept)} = "
+    sizes = {one.run.step_size for one in shown}
+    is_equal = len(sizes) == 1 and experiment.grading == 1.0 and experiment.accuracy is None
+    step = f"$h={min(sizes):.4g}$ {units.get('time', '')}".rstrip() * is_equal
     columns: dict[str, list[FinishedRun]] = {}
     for one in shown:
         values = {} if one.run.member is None else one.run.member.values
-        columns.setdefault(label and label + value_in_words(values[key]), []).append(one)
+        columns.setdefault(label + value_in_words(values[key]) if label else step, []).append(one)
     words, titles = distinguish([one.run.member for one in shown], units, without=(key,))
     return Shown(columns=columns, words=dict(zip(shown, words, strict=True)), titles=titles)
 

@@ -80,7 +80,6 @@ def response_figure(tables: Sequence[ResponseTable]) -> Figure:
             own = {"look": cycled(index if is_one else place), **words}
             if "by" not in own and (is_one or len(table.outputs) > 1):
                 own["label"] = ", ".join(filter(None, [output, words.get("label")]))
-            # bars of further outputs would lie over these
             peaks = [peak for peak in table.peaks if is_one and peak.at == output and index == 0]
             upper.append(Curve(x=table.hertz, y=table.magnitude[:, index], **own))
             lower.append(replace(upper[-1], y=table.phase[:, index] / 180.0, label=""))
