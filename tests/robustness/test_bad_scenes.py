@@ -79,7 +79,7 @@ experiments:
 """
     result = run_text(folder, f"name: both\n{text}", 1)
     rows = [row.split() for row in result.stdout.splitlines()[1:3]]
-    assert [(row[0], row[5]) for row in rows] == [("good", "ok"), ("bad", "failed")]
+    assert [(row[0], row[-1]) for row in rows] == [("good", "ok"), ("bad", "failed")]
     with h5py.File(folder / "results" / "both.h5") as file:
         (case,) = file["good"].values()
         assert case["n000008"].attrs["status"] in (b"ok", b"floor")
