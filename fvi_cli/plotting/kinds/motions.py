@@ -94,7 +94,8 @@ def over_time(
 def figure_over_time(panels: Sequence[Panel], shown: Shown) -> Figure:
     """The figure of panels over time, with titles above."""
     columns = len(shown.columns)
-    top = [replace(one, title=title) for one, title in zip(panels, shown.columns, strict=False)]
+    names = shown.columns if columns > 1 else [shown.title]
+    top = [replace(one, title=title) for one, title in zip(panels, names, strict=False)]
     height = max(1.15, 2.4 - 0.4 * len(panels) / columns)
     titles = {"columns": columns, "height": height, "sharey": "row", **shown.titles}
     return figure([*top, *panels[columns:]], lines, sharex=True, **titles)
@@ -213,13 +214,12 @@ def balance_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> F
     def defect(item: FinishedRun) -> tuple[Array, Array]:
         return _diagnostics(item).time, _diagnostics(item).energy_defect
 
-    defects = shown.curves(defect)
-    if len(defects) == 1:
-        defects = [replace(defects[0], label="")]
+    is_one, defects = len(shown.runs) == 1, shown.curves(defect)
+    defects = [replace(one, label="" if is_one else one.label) for one in defects]
     upper = with_unit("energy, work", units, "energy")
     lower = with_unit(f"${together}-E_0$", units, "energy")
     below = Panel(curves=defects, y=lower, x=x, levels=[0.0])
-    panels = [Panel(curves=curves, y=upper, x=x), below]
+    panels = [Panel(curves=curves, y=upper, x=x, title=shown.title), below]
     return figure(panels, lines, height=(1.9, 1.3), sharex=True)
 
 

@@ -57,15 +57,9 @@ def phase_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Fig
     dimension, panels = shown.best.trajectory.position.shape[1], []
     for k, name in enumerate(coordinates_of(experiment, dimension)[:MOST_COMPONENTS]):
         x, y = position_label(experiment, name), velocity_label(experiment, name)
-        title = "" if k else _title(shown)
+        title = "" if k else shown.title
         panels.append(Panel(curves=_paths(shown, motions, k, k), x=x, y=y, title=title))
     return _planes(panels, **shown.titles)
-
-
-def _title(shown: Shown) -> str:
-    """Method of a single run, which needs no legend, and step size."""
-    name = shown.words[shown.best].get("label", "") if len(shown.runs) == 1 else ""
-    return ", ".join(filter(None, [name, *shown.columns]))
 
 
 def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
@@ -88,7 +82,7 @@ def path_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figu
     if kind == "kepler":
         centre = (0.0, 0.0, "centre")
         curves.append(Curve(x=np.zeros(1), y=np.zeros(1), look=_CROSS, marks=[centre]))
-    panel = Panel(curves=curves, x=labels[0], y=labels[1], title=_title(shown), is_equal=True)
+    panel = Panel(curves=curves, x=labels[0], y=labels[1], title=shown.title, is_equal=True)
     return _planes([panel], **shown.titles)
 
 

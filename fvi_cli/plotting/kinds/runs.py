@@ -72,6 +72,12 @@ class Shown:
         measured = [one for one in self.runs if math.isfinite(one.error)]
         return min(measured, key=lambda one: one.error) if measured else self.runs[-1]
 
+    @property
+    def title(self) -> str:
+        """Method of a single run, which needs no legend, and step size."""
+        name = self.words[self.best].get("label", "") if len(self.runs) == 1 else ""
+        return ", ".join(filter(None, [name, *self.columns]))
+
     def curves(self, motion: Motion, runs: Sequence[FinishedRun] | None = None) -> list[Curve]:
         """A curve for every run by `motion`, its abscissas and ordinates, and :func:`mean_of`."""
         pairs = [(motion(one), self.words[one]) for one in (self.runs if runs is None else runs)]
