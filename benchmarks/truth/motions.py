@@ -260,7 +260,7 @@ def _extent_claims(scene: Scene, weights: Array, row: Mapping[str, str], end: fl
     for name, value in true.items():
         printed = abs(float(row[name])) if name == "peak" else float(row[name])
         yield Claim(
-            f"{name} of {row['quantity']} {row['member']}",
+            f"{name} of {row['quantity']}",
             printed,
             value,
             FIRST_DIGITS * max(true["peak"], 1e-300),
