@@ -158,14 +158,14 @@ def formulas_of(scene: Scene) -> Iterator[FormulaSystem]:
 
 
 def has_kinks(scene: Scene) -> bool:
-    """Whether forces call functions with kinks."""
-    return any(one.called & set(KINKED) for one in formulas_of(scene))
+    """Whether forces call functions with kinks, or are Python functions, which may have some."""
+    is_unknown = scene.forcing is not None and scene.forcing.has_functions
+    return is_unknown or any(one.called & set(KINKED) for one in formulas_of(scene))
 
 
 def is_steep(scene: Scene) -> bool:
-    """Whether forces have kinks, are Python functions, or may be as steep as walls and pulses."""
-    is_unknown = scene.forcing is not None and scene.forcing.has_functions
-    return is_unknown or any(one.called & {*KINKED, *STEEP} for one in formulas_of(scene))
+    """Whether forces have kinks, or may be as steep as walls and pulses."""
+    return has_kinks(scene) or any(one.called & STEEP for one in formulas_of(scene))
 
 
 def may_hide(system: FormulaSystem) -> bool:
