@@ -75,8 +75,7 @@ def plot(call: Call, sources: UsualSources = None) -> int:
     For example: fvi plot results/mine.h5 --style thesis.mplstyle
     """
     from fvi_cli import plotting
-    from fvi_cli.render.figures import write_figures
-    from fvi_cli.render.results import studies
+    from fvi_cli.render.results import studies, write_figures
 
     def show(config: LoadedConfig, outcomes: list[Outcome]) -> None:
         found = studies(outcomes)

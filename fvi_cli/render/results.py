@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 from fvi_cli import reports
 from fvi_cli.errors import RequestError
-from fvi_cli.render.figures import write_figures
 from fvi_cli.render.runs import contents_as_text, runs_as_text
 from fvi_cli.reports import Report
 from fvi_cli.reports.kinds.cost import cost_report
@@ -165,6 +164,19 @@ def write(
         paths.append(folder / f"{title}-modes.h5")
         write_mode_shapes(paths[-1], found)
     return paths
+
+
+def write_figures(
+    drawn: Mapping[str, Figure], output: Path, *, formats: Sequence[str] = ()
+) -> list[Path]:
+    """Write figures under ``figures/`` in `output`, as PNG or in `formats`; returns the paths."""
+    if not drawn:
+        return []
+    # a slow import, which tables do not need
+    from fvi_cli.plotting import FORMATS, save_figure
+
+    forms, folder = list(dict.fromkeys(formats or FORMATS[:1])), output / "figures"
+    return [p for name, one in drawn.items() for p in save_figure(one, folder, name, forms)]
 
 
 def failures(results: Results) -> str:

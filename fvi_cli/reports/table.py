@@ -33,7 +33,7 @@ class Within:
 
 
 MOST_LINES = 100
-"""Longer grids are not printed on a terminal."""
+"""Longer grids are in files only."""
 SAME_NUMBER = Within(relative=1e-9)
 """Tolerance for numbers that do not depend on round-off: step sizes, expected orders."""
 

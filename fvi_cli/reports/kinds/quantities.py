@@ -12,15 +12,13 @@ from fvi_cli.reports.columns import CLOSE, Item, member_columns, member_title, s
 from fvi_cli.reports.kinds.designs import design_sheet
 from fvi_cli.reports.kinds.ensembles import ensemble_sheet
 from fvi_cli.reports.naming import with_unit
-from fvi_cli.reports.table import Block, Column, Report, Sheet, Within, grid_of
+from fvi_cli.reports.table import MOST_LINES, Block, Column, Report, Sheet, Within, grid_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
 from fvi_cli.studies.peak_errors import with_peak_errors
 
 LOOSE = Within(relative=1e-2, absolute=1e-12)
 """Tolerance for loops, which are computed from the stored points."""
-MOST_ROWS = 100
-"""Longer tables are in the CSV only; readers have mean and spread of the members."""
 RUN = (
     member_title("of.run.member"),
     Column("case", get="of.run.method.case"),
@@ -153,7 +151,7 @@ def quantity_blocks(sheets: Sequence[Sheet]) -> Iterator[Block]:
         items = [one for one in sheet.items if one.of.run.experiment.name == name]
         if len(owners) > 1 and sheet is sheets[0]:
             yield f"## {name}"
-        if not items or len(items) > MOST_ROWS:
+        if not items or len(items) > MOST_LINES:
             continue
         if sheet.name in TITLES:
             yield TITLES[sheet.name]

@@ -7,12 +7,10 @@ from collections.abc import Iterator, Sequence
 
 from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.columns import Item, member_columns
-from fvi_cli.reports.table import Block, Column, Report, Sheet, Within, listed, pivot
+from fvi_cli.reports.table import MOST_LINES, Block, Column, Report, Sheet, Within, listed, pivot
 from fvi_cli.studies.members import label_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
 
-MOST_LINES = 100
-"""Most lines of a grid; a longer study lists only numbers of unstable members."""
 COLUMNS = (
     Column("case", get="row.run.method.case"),
     Column("n_steps", get="row.run.n_steps"),
