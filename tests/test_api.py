@@ -202,19 +202,3 @@ def test_arrays_stand_for_lists_and_what_cannot_be_written_is_told():
     }
     one, other = (fvi.run({**CONFIG, "problem": problem})[0] for problem in (arrays, lists))
     assert [f.error for f in one.finished] == [f.error for f in other.finished]
-
-
-def test_one_change_needs_no_list():
-    one, other = (fvi.load("damped-oscillator", overrides=c) for c in ("name=a", ["name=a"]))
-    assert one.name == other.name == "a"
-    assert one.overrides == other.overrides == ("name=a",)
-
-
-def test_an_outcome_is_short():
-    (outcome,) = fvi.run({**CONFIG, "method": [{"rk": "gauss", "degree": [2, 3]}]})
-    assert repr(outcome) == "<Outcome free: 8 ok>"
-    assert len(repr(outcome.finished[0])) < 80
-    # one outcome does where a list would
-    assert list(fvi.figures(outcome)) == list(fvi.figures([outcome])) == ["free-convergence"]
-    assert fvi.as_text(outcome) == fvi.as_text([outcome])
-    assert len(fvi.order_tables(outcome)) == 1

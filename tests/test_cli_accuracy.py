@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 
 import command_line
 import h5py
@@ -76,17 +75,6 @@ def test_a_tolerance_below_the_floor_is_refused_and_the_exit_code_says_so(fvi, t
     assert "refused" in again
     (run,) = stored(tmp_path)
     assert (run["status"], run["tolerance"]) == ("refused", 1e-15)
-
-
-def test_starter_files_show_the_key(fvi):
-    fvi("new", "mine", "--kind", "pendulum")
-    text = Path("mine.yaml").read_text()
-    assert "or accuracy: {tolerance: 1e-8}" in text
-    ladder = text[text.index("\nladder: ") :].split("\n")[1]
-    method = text[text.index("\nmethod: ") :].split("\n")[1]
-    changed = text.replace(ladder, ladder.partition("# or ")[2]).replace(method, "")
-    (experiment,) = parse_config(changed, "mine.yaml").experiments
-    assert experiment.needs_search
 
 
 def test_steps_are_found_on_the_way(fvi, tmp_path):
@@ -163,16 +151,3 @@ def test_workers_choose_what_this_process_would(fvi, tmp_path):
         for run in (one, other):
             del run["seconds"], run["setup_seconds"]
         assert one == other
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-6, 1e-8, 1e-11])
-def test_a_search_whose_tolerance_is_met_is_used_again(tolerance, tmp_path):
-    """Whatever number of stages it came to."""
-    change = f"experiments.0.accuracy.tolerance={tolerance}"
-    arguments = ("run", "accuracy", "-v", "--set", change, "-o", tmp_path)
-    first = command_line.fvi(*arguments)
-    assert "accuracy: 3 runs, 0 of them stored" in first.stderr
-    again = command_line.fvi(*arguments)
-    assert "accuracy: 3 runs, 3 of them stored" in again.stderr
-    assert again.stdout == first.stdout

@@ -1,20 +1,14 @@
 """Everything that the README shows is run or compared."""
 
-import math
 import re
 import shlex
 import tomllib
 from pathlib import Path
 
-import numpy as np
 import pytest
 from command_line import fvi
-from letters import spring
 from shown_numbers import differences_of_texts
 
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.registry import KINDS
 
 ROOT = Path(__file__).parents[1]
@@ -89,10 +83,6 @@ def carry_out(text, folder):
             exec(compile(block, "a page", "exec"), {"__name__": "example"})
 
 
-def test_the_readme_is_short():
-    assert len(README.splitlines()) <= 105
-
-
 def test_the_problem_of_ones_own_does_what_is_said_of_it(in_a_folder):
     section = README[README.index("## A problem of your own") : README.index("## What it can do")]
     assert len(blocks("yaml")[0].splitlines()) == 10
@@ -156,28 +146,3 @@ def test_every_kind_of_problem_has_its_place_among_the_scenes():
     page = (ROOT / "docs/reference/scenes.md").read_text(encoding="utf-8")
     named = set(re.findall(r"^## ([a-z-]+)$", page, re.MULTILINE))
     assert named | {"fractional-derivative"} == set(KINDS)
-
-
-def test_starting_weights_cost_an_order_on_the_damped_oscillator():
-    def order(**start):
-        method = Method(cq="bdf3", degree=2, sampling="nodes", **start)
-        errors = []
-        for n_steps in (256, 512):
-            trajectory = integrate(scene, method, n_steps)
-            errors.append(np.abs(trajectory.position[:, 0] - exact(trajectory.time)).max())
-        return math.log2(errors[0] / errors[1])
-
-    def exact(time):
-        return np.exp(-0.1 * time) * np.sin(math.sqrt(0.99) * time) / math.sqrt(0.99)
-
-    scene = spring((1.0, 0.2), T=16.0, v=1.0)
-    assert order(start="none") == pytest.approx(2.0, abs=0.05)
-    assert order(start="weights", start_exponents=(1.0, 2.0)) == pytest.approx(1.0, abs=0.05)
-
-
-@pytest.mark.parametrize("p", range(1, 7))
-def test_the_first_steps_hide_half_a_kick_from_bdf2_on(p):
-    # D t = 1 on an infinite grid of h = 1; what the quadrature adds to that in its first steps
-    excess = left_operator(p, 1.0, 1.0, np.arange(40.0)[:, None])[1:, 0] - 1.0
-    assert excess.sum() == pytest.approx(0.5 if p > 1 else 0.0, abs=1e-9)
-    assert np.abs(excess[p:]).max() < 1e-12

@@ -2,9 +2,6 @@
 
 from command_line import fvi, rows_of
 
-import fvi_cli
-from fvi_cli.config import parse_config
-
 CONFIG = """
 problem:
   kind: bagley-torvik
@@ -38,13 +35,6 @@ def test_every_method_and_step_is_told(tmp_path):
     assert "UNSTABLE" in result.output
 
 
-def test_step_sizes_are_fractions_where_they_are_some():
-    text = CONFIG.replace("final_time: 1.0", "final_time: 3.0").replace("[16, 64]", "[32, 48, 96]")
-    (figure,) = fvi_cli.figures(fvi_cli.stability(parse_config(text, "quick"))).values()
-    shown = [one.get_text() for one in figure.axes[0].get_xticklabels()]
-    assert shown == ["1/32", "1/16", "0.0938"]
-
-
 def test_members_of_a_sweep_are_told_too(tmp_path):
     sweep = "sweep: {problem.damping.0.coefficient: [1e-9, 1.0]}\n"
     assert call(tmp_path, text=CONFIG + sweep).exit_code == 0
@@ -59,9 +49,3 @@ def test_a_run_says_what_is_predicted_once_and_of_how_many_steps(tmp_path):
     (line,) = (line for line in result.stderr.splitlines() if "predicted" in line)
     assert "N=16: predicted unstable: a mode grows by a factor" in line
     assert line.endswith(" per step (and 1 more run)")
-
-
-def test_a_table_says_why_a_verdict_is_unknown(tmp_path):
-    call(tmp_path, text=CONFIG.replace("kind: bagley-torvik", "kind: pendulum"))
-    lines = (tmp_path / "out/tables/quick-stability.md").read_text().splitlines()
-    assert lines.count("- unknown: the scene is nonlinear") == 1

@@ -136,22 +136,6 @@ def test_slopes_are_those_of_theory_and_of_the_source(claims):
     assert sum(one.get_linestyle() == "--" for one in rays) == len(claims)
 
 
-def test_a_slope_that_no_curve_has_is_not_shown():
-    study = made_study(error=lambda run: 0.1 * run.step_size**1.5, claims={"bdf2": 2.5})
-    axes = plotting.convergence_figure([study]).axes[0]
-    words = [text.get_text() for text in axes.texts]
-    assert words == ["$h^{3/2}$", "2.5 stated"]
-
-
-def test_methods_of_two_degrees_have_two_panels():
-    methods = [Method(cq=f"bdf{p}", degree=s) for p in (1, 2) for s in (1, 2)]
-    figure = plotting.convergence_figure([made_study([*methods, Method(cq="gauss", degree=2)])])
-    titles = [axes.get_title(loc="left").partition("  ")[2] for axes in figure.axes]
-    assert titles == ["degree 1", "degree 2"]
-    names = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert names == ["BDF1", "BDF2", "Gauss2"]
-
-
 def test_methods_look_different_and_each_the_same_everywhere():
     methods = [
         *(Method(cq=f"bdf{p}", degree=s) for p in range(1, 7) for s in (1, 2)),
@@ -266,12 +250,6 @@ def test_a_path_has_its_start_and_end_and_the_name_of_its_method_above():
     assert not figure.legends
 
 
-def test_ready_quantities_are_named_in_words():
-    (first, second) = run_of(SCENES["building"]).plot("quantities").axes
-    labels = [axes.get_ylabel().replace("\n", " ") for axes in (first, second)]
-    assert labels == ["force of damper 1 1", "drift of storey 1"]
-
-
 def test_the_largest_peak_of_a_panel_has_its_number():
     outcome = run_of(SCENES["building"])
     figure = outcome.plot("quantities")
@@ -362,16 +340,3 @@ def test_modes_are_poles_above_and_damping_ratios_on_stems_below():
     np.testing.assert_array_equal(points, ratios)
     np.testing.assert_array_equal(stems[1::3], ratios)
     assert [words.get_text() for words in below.texts] == ["1", "2"]
-
-
-def test_a_floor_above_all_errors_stays_in_the_panel():
-    problem = {
-        "kind": "damped-oscillator",
-        "initial": {"position": 1.0},
-        "final_time": 2.0,
-        "exact": "cos(t)",
-    }
-    (outcome,) = fvi.run({"name": "a", "problem": problem, "accuracy": {"tolerance": 1e-9}})
-    (axes,) = outcome.plot("convergence").axes
-    (word,) = (text for text in axes.texts if text.get_text() == "floor")
-    assert outcome.finished[0].floor > axes.get_ylim()[1] == pytest.approx(word.get_position()[1])

@@ -2,18 +2,14 @@
 
 import math
 import re
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from command_line import configuration, rows_of
 from command_line import fvi as command
-from scipy.sparse import csr_array
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.reports import grid_of, to_text
-from fvi_cli.reports.kinds.designs import design_sheet
 from fvi_cli.reports.kinds.quantities import quantities_report
 
 TEXT = configuration(
@@ -62,14 +58,6 @@ def test_a_check_holds_until_something_changes(folder):
     code, text = _fvi(folder, "--check", "--set", "problem.initial.position=1.1")
     assert code == 3
     assert "peak" in text
-
-
-def test_sparse_matrices_stand_in_mappings():
-    matrix = csr_array([[2.0, -1.0], [-1.0, 2.0]])
-    problem = {"kind": "bagley-torvik", "mass": [[1, 0], [0, 1]], "stiffness": matrix}
-    problem |= {"initial": {"position": [1.0, 0.0]}, "final_time": 1.0, "exact": "none"}
-    config = fvi.load({"name": "sparse", "problem": problem, "ladder": {"steps": [4]}})
-    assert config.resolved["experiments"][0]["problem"]["stiffness"] == [[2.0, -1.0], [-1.0, 2.0]]
 
 
 @pytest.mark.few(2)
@@ -176,20 +164,3 @@ def test_designs_and_members_have_errors_of_their_own_ladders():
     for row in report.sheets[-1].rows:
         assert row["peak_speed_error"] == of_runs[row["design"], "speed"] > 0
     assert of_runs["a", "speed"] != of_runs["b", "speed"]
-
-
-def test_a_change_of_any_size_has_a_narrow_column_and_a_lost_run_none():
-    text = DRIVEN.replace("30, 60, 180", "90").replace("cos(t)", "0") + (
-        "designs: {a: {problem.initial.position: 1e-9}, b: {}}"
-    )
-    (outcome,) = fvi.run(parse_config(text, "a"))
-    shown = designs_as_text(outcome.finished)
-    assert re.search(r"\+\d\.\de\+1\d %", shown)
-    assert max(map(len, shown.splitlines())) < 100
-    lost = [replace(one, status="diverged") for one in outcome.finished]
-    assert "%" not in designs_as_text(lost)
-
-
-def designs_as_text(finished):
-    sheet = design_sheet(finished)
-    return to_text([grid_of(sheet.columns, sheet.items)])

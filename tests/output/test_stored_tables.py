@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from made_runs import BDF2, STEPS, made_run, one_case, powers, row, table_of
+from made_runs import STEPS, made_run, one_case, powers, row, table_of
 
 from fvi_cli import reports
 from fvi_cli.reports.kinds.orders import order_report
@@ -35,12 +35,6 @@ def differences(stored: OrderTable, made: OrderTable) -> str:
 
 
 # --- files ----------------------------------------------------------------------------------------
-
-
-def test_all_files_are_written_and_nothing_else_is_left(tmp_path):
-    paths = write(tmp_path / "new", BASE)
-    names = {f"made-up.{form}" for form in ("csv", "md", "tex")}
-    assert {path.name for path in paths} == names == {p.name for p in (tmp_path / "new").iterdir()}
 
 
 def test_a_missing_file_is_told_and_nothing_is_written(tmp_path):
@@ -176,11 +170,3 @@ def diverging(error: float, status: str = "diverged") -> OrderTable:
 def test_how_far_a_run_diverged_is_not_compared_but_that_it_did_is():
     assert differences(diverging(3e25), diverging(7e31)) == ""
     assert "status" in differences(diverging(3e25), diverging(3e25, "failed"))
-
-
-def test_an_error_below_the_floor_is_printed_and_marked(tmp_path):
-    def make(run: Run) -> FinishedRun:
-        return made_run(run, 1e-10 * (run.n_steps == 16) + 1.0 / run.n_steps**9, floor=1.3e-10)
-
-    write(tmp_path, table_of(make, BDF2))
-    assert "(1.15e-10)" in (tmp_path / "made-up.md").read_text()

@@ -12,7 +12,7 @@ from command_line import MANY
 from fvi_cli.config import parse_config
 from fvi_cli.plotting import draw_figures
 from fvi_cli.render.runs import runs_as_text
-from fvi_cli.reports import compare, rendered, to_text, write
+from fvi_cli.reports import rendered
 from fvi_cli.reports.kinds.orders import COLUMNS, order_report
 from fvi_cli.runner.compute import run
 from fvi_cli.runner.outcome import Outcome
@@ -98,32 +98,6 @@ def test_the_csv_file_has_the_swept_values_behind_the_experiment(two_keys):
     assert {tuple(row[1:3]) for row in rows[1:]} == {
         (repr(gamma), repr(k)) for gamma in (0.3, 0.5, 1.0, 1.5) for k in (0.5, 1.0, 2.0)
     }
-
-
-def test_tables_of_members_are_read_back_and_checked(two_keys, tmp_path):
-    tables = tables_of_members(*two_keys)
-    write(tmp_path, order_report("many", tables))
-    assert compare(tmp_path, order_report("many", tables)) == []
-    (missing,) = compare(tmp_path, order_report("many", tables[1:]))
-    assert "96 rows are stored, now there are 88" in missing
-    path = tmp_path / "many.csv"
-    lines = path.read_text().splitlines(keepends=True)
-    fields = lines[4].split(",")
-    place = lines[0].split(",").index("error")
-    lines[4] = lines[4].replace(fields[place], repr(1.01 * float(fields[place])))
-    path.write_text("".join(lines))
-    (line,) = compare(tmp_path, order_report("many", tables))
-    assert line.startswith(f"{path}:5: error: ")
-
-
-def test_one_key_gives_a_row_for_every_value(one_key):
-    tables = tables_of_members(*one_key)
-    text = to_text(order_report("many", tables).blocks)
-    rows = [line.split() for line in text.splitlines() if line.startswith("damping.0.order =")]
-    rows = [row for row in rows if len(row) == 7]
-    assert [row[2] for row in rows] == ["0.3", "0.5", "1", "1.5"]
-    slopes = [float(row[4]) for row in rows]
-    assert slopes == pytest.approx([table.cases[0].slope for table in tables], abs=0.005)
 
 
 def test_many_members_are_summed_up(two_keys, monkeypatch):
