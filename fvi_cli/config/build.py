@@ -20,13 +20,14 @@ from fvi_cli.config.methods import methods_of
 from fvi_cli.config.models import LADDER, ExperimentKeys
 from fvi_cli.config.names import other_meanings, units_of, wrong_units
 from fvi_cli.config.observations import read_observations
-from fvi_cli.config.text.mistakes import Report, wrong_argument
+from fvi_cli.config.text.mistakes import Report
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.integrator.memory.damping import law_objection
 from fvi_cli.integrator.meshes.mesh import check_graded, misplaced_break_point
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
-from fvi_cli.scenes.keys.values import KeyPath, Wrong, plain
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, wrong_argument
+from fvi_cli.scenes.keys.values import plain
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
 from fvi_cli.studies.accuracy_settings import Accuracy

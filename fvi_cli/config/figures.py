@@ -9,8 +9,8 @@ from pydantic import TypeAdapter, ValidationError
 
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.integrator.observe.request import Observations
-from fvi_cli.scenes.keys.mistakes import first_mistake
-from fvi_cli.scenes.keys.values import BY_FORM, KeyPath, Wrong
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, first_mistake
+from fvi_cli.scenes.keys.values import BY_FORM
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.studies.experiment import Experiment, FigureKind
 from fvi_cli.studies.figure_settings import FigureSettings
@@ -82,7 +82,7 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
     try:
         figure: str | FigureSettings = TypeAdapter(model).validate_python(value)
     except ValidationError as error:
-        raise first_mistake(error, value, model).below("figure") from None
+        raise first_mistake(error).below("figure") from None
     wrong = wrong_figures([figure], experiment.problem, experiment.observations, experiment.members)
     for one in wrong:
         raise ArgumentError(".".join(("figure", *map(str, one.path[1:]))), one.message)

@@ -134,7 +134,7 @@ def _loaded(
         try:
             SeveralExperiments.model_validate(document.value)
         except ValidationError as error:
-            report.validation(error, document.value, SeveralExperiments)
+            report.validation(error)
     built: list[Built | None] = []
     names: dict[str, int] = {}
     for number, values in _experiments(document.value, report):
@@ -205,7 +205,7 @@ def _read(
     try:
         keys = ExperimentKeys.model_validate(values, context=context)
     except ValidationError as error:
-        report.validation(error, values, ExperimentKeys)
+        report.validation(error)
         keys = _partly(values, report, before, context)
     if keys is None:
         return None

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import Final
 
 from fvi_cli.integrator.method import AnyMethod, Method
-from fvi_cli.scenes.keys.values import Wrong
+from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.studies.experiment import Experiment
 
 BYTES_PER_RUN: Final = 4000

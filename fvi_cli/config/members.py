@@ -16,8 +16,8 @@ from fvi_cli.config.models import MemberKeys
 from fvi_cli.config.text.mistakes import Report
 from fvi_cli.effects.matrices import is_semidefinite
 from fvi_cli.errors import excerpt
-from fvi_cli.scenes.keys.mistakes import mistakes_of
-from fvi_cli.scenes.keys.values import KeyPath, Range, Wrong, plain
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, mistakes_of
+from fvi_cli.scenes.keys.values import Range, plain
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.records.matrices import MatrixFile
 from fvi_cli.scenes.registry import OnlyProblem
@@ -173,7 +173,7 @@ def _read(choice: Choice, reading: Reading) -> tuple[Mapping[str, Any], Kind | N
     except LookupError as error:
         return {}, None, [Wrong(choice.key_place, str(error), of_key=True)]
     except ValidationError as error:
-        return {}, None, list(mistakes_of(error, values, OnlyProblem))
+        return {}, None, list(mistakes_of(error))
     resolved, keys = plain(kind), reading.keys
     found = {
         path: value_at(resolved, path) if leads_somewhere(resolved, path) else None

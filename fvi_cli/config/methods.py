@@ -21,16 +21,8 @@ from fvi_cli.integrator.method import (
 )
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
-from fvi_cli.scenes.keys.values import (
-    BY_FORM,
-    ONE_OR_MANY,
-    Keys,
-    NotNegative,
-    Wrong,
-    key,
-    plain,
-    refused,
-)
+from fvi_cli.scenes.keys.mistakes import Wrong, refused
+from fvi_cli.scenes.keys.values import BY_FORM, ONE_OR_MANY, Keys, NotNegative, key, plain
 
 T = TypeVar("T")
 MOST_METHODS: Final = 500
@@ -117,7 +109,8 @@ class MethodKeys(Keys):
                 make_method(combination)
             except ArgumentError as error:
                 name = {"start_exponents": "start", "cq": "rk"}.get(error.key, error.key)
-                path = (name, numbers[name]) if name in numbers else (name,)
+                is_list = len(getattr(self, name, None) or ()) > 1
+                path = (name, numbers[name]) if is_list else (name,)
                 yield Wrong(path, error.message)
 
     def combinations(self) -> Iterator[tuple[dict[str, Any], dict[str, int]]]:

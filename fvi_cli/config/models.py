@@ -14,6 +14,7 @@ from pydantic import Field
 from fvi_cli.config.fits.keys import FitKeys, SweptKey
 from fvi_cli.config.methods import Methods
 from fvi_cli.integrator.observe.request import Direction
+from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     ONE_OR_MANY,
@@ -24,7 +25,6 @@ from fvi_cli.scenes.keys.values import (
     NotNegative,
     Positive,
     Range,
-    Wrong,
     from_key,
     key,
 )

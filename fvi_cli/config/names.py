@@ -10,7 +10,7 @@ from fvi_cli.errors import listed, suggestion
 from fvi_cli.integrator.observe.dampers import damper_values, force_objection
 from fvi_cli.integrator.observe.request import Observations, known_names
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.keys.values import Wrong
+from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import UNITS
 

@@ -21,7 +21,8 @@ from fvi_cli.integrator.observe.request import (
 )
 from fvi_cli.integrator.observe.surface import Surface, start_objection
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.keys.values import Wrong, plain, unknown_names
+from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.values import plain, unknown_names
 from fvi_cli.scenes.problem import AnyProblem, Problem
 
 KEYS: Final = ("output", "quantities", "events", "impacts")

@@ -15,7 +15,8 @@ from pydantic_core import PydanticUndefined
 
 from fvi_cli.config.models import ExperimentKeys, SeveralExperiments
 from fvi_cli.errors import RequestError, listed, suggestion
-from fvi_cli.scenes.keys.values import Formula, OneOrMany, key_of
+from fvi_cli.scenes.keys.mistakes import key_of
+from fvi_cli.scenes.keys.values import Formula, OneOrMany
 from fvi_cli.scenes.registry import KINDS
 
 SCHEMA_FILE: Final = "fvi.schema.json"

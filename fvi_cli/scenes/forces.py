@@ -13,16 +13,8 @@ import numpy as np
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.keys.values import (
-    BY_FORM,
-    Formula,
-    FormulaOrMany,
-    KeyPath,
-    Keys,
-    Positive,
-    Wrong,
-    key,
-)
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong
+from fvi_cli.scenes.keys.values import BY_FORM, Formula, FormulaOrMany, Keys, Positive, key
 from fvi_cli.scenes.records.samples import Samples
 
 T = TypeVar("T")

@@ -67,7 +67,7 @@ def read_problem(specification: Mapping[str, Any]) -> Kind:
     try:
         return OnlyProblem.model_validate({"problem": values}).problem
     except ValidationError as error:
-        found = first_mistake(error, {"problem": values}, OnlyProblem)
+        found = first_mistake(error)
         found.key = found.key.removeprefix("problem").removeprefix(".")
         raise found from None
 

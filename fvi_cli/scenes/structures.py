@@ -86,7 +86,7 @@ def rayleigh_damping(mass: Form, stiffness: Form, given: object) -> FractionalDa
         For modes that do not exist or have the same frequency, and for ratios that need a negative
         factor a or b, which would make other modes grow.
     """
-    keys = _rayleigh().validate_python(given)
+    keys: Any = given if isinstance(given, Keys) else _rayleigh().validate_python(given)
     if isinstance(keys, RayleighFactors):
         whole = keys.mass * mass + keys.stiffness * stiffness
         return FractionalDamping(order=keys.order, coefficient=whole)

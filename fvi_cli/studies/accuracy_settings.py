@@ -8,7 +8,8 @@ from typing import Self
 from pydantic import PrivateAttr
 
 from fvi_cli.integrator.method import AnyMethod, ForcingQuadrature, Method
-from fvi_cli.scenes.keys.values import Fraction, Keys, Positive, Wrong, key
+from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.values import Fraction, Keys, Positive, key
 
 USUAL_STAGES = (10, 12, 8)
 RULES: tuple[ForcingQuadrature, ...] = ("exact", "galerkin")

@@ -8,7 +8,8 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
-from fvi_cli.scenes.keys.values import Keys, NotNegative, Wrong, key
+from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.values import Keys, NotNegative, key
 
 EXTENTS: Final = ("peak", "rms", "least", "greatest")
 """Numbers of a quantity over a whole run; ``plot: peak_drift`` is the peak of `drift`."""

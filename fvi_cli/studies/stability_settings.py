@@ -7,7 +7,8 @@ from typing import Annotated, Final
 
 from pydantic import AfterValidator, Field
 
-from fvi_cli.scenes.keys.values import BY_FORM, ONE_OR_MANY, Keys, Order, Range, Wrong, key, refused
+from fvi_cli.scenes.keys.mistakes import Wrong, refused
+from fvi_cli.scenes.keys.values import BY_FORM, ONE_OR_MANY, Keys, Order, Range, key
 
 MOST_POINTS: Final = 250_000
 """Most points of one stability region."""

@@ -63,27 +63,6 @@ def complaints_about_named(text: str, source: str) -> tuple[str, ...]:
     return caught.value.complaints
 
 
-def test_lists_and_mappings_that_are_too_short_are_told_their_length():
-    for change, words in {
-        "method=[]": "method: it must have at least 1 entry, not 0",
-        "designs={}": "designs: it must have at least 1 entry, not 0",
-        "problem.rayleigh={ratios: [0.02], modes: [1, 3]}": "ratios: it must have at least 2 entr",
-        "problem.rayleigh={ratios: [0.1, 0.1, 0.1]}": "ratios: it must have at most 2",
-    }.items():
-        text = PENDULUM.replace("pendulum", "frame")
-        with pytest.raises(ConfigError, match=words):
-            parse_config(text, "f.yaml", overrides=[change])
-
-
-def test_a_word_that_is_not_allowed_is_told_the_other_forms_too():
-    for change, words in {
-        "method={bdf: 2, sampling: node}": r"'nodes' or 'points'; did you mean 'nodes'\?$",
-        "figures=[phas]": "or 'spectrum', or a mapping with plot, .*; did you mean 'phase'",
-    }.items():
-        with pytest.raises(ConfigError, match=words):
-            parse_config(PENDULUM, "f.yaml", overrides=[change])
-
-
 def test_at_most_a_hundred_complaints_are_printed():
     text = VALID + "".join(f"unknown{i}: 1\n" for i in range(150))
     lines = complaints_about(text)

@@ -122,7 +122,7 @@ def _changed(
         whole = Report(report.document, report.prefix[:-1], report.found)
         places = {path: ("fit", "models", name, "set", path) for path in changes}
         place_changes(Choice(changes=changes, places=places), whole)
-        whole.validation(error, values, OnlyProblem)
+        whole.validation(error)
     return None
 
 

@@ -7,15 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from fvi_cli.scenes.keys.values import (
-    BY_FORM,
-    ONE_OR_MANY,
-    Keys,
-    Positive,
-    Wrong,
-    from_key,
-    key,
-)
+from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.values import BY_FORM, ONE_OR_MANY, Keys, Positive, from_key, key
 from fvi_cli.scenes.records.samples import DECIMAL, Decimal
 
 SweptKey = Annotated[str, Field(pattern=r"^problem\.")]

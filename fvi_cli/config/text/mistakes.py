@@ -6,12 +6,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
-from fvi_cli.config.text.tree import Document, Mistake
-from fvi_cli.errors import ArgumentError, ConfigError
-from fvi_cli.scenes.keys.mistakes import inside, mistakes_of
-from fvi_cli.scenes.keys.values import KeyPath, Wrong
+from fvi_cli.config.text.tree import Document, Mistake, inside
+from fvi_cli.errors import ConfigError
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, mistakes_of, wrong_argument
 
 MOST_TOLD = 100
 
@@ -49,9 +48,9 @@ class Report:
         """The error of a function at the key path that it names."""
         self.extend([wrong_argument(error, *path)])
 
-    def validation(self, error: ValidationError, value: Any, model: type[BaseModel]) -> None:
-        """What pydantic found wrong with a value."""
-        self.extend(mistakes_of(error, value, model))
+    def validation(self, error: ValidationError) -> None:
+        """What pydantic found wrong."""
+        self.extend(mistakes_of(error))
 
     def __len__(self) -> int:
         return len(self.found)
@@ -62,11 +61,3 @@ class Report:
         if len(lines) > MOST_TOLD:
             lines = [*lines[:MOST_TOLD], f"... and {len(lines) - MOST_TOLD} more"]
         return ConfigError(*lines)
-
-
-def wrong_argument(error: ValueError, *path: str | int) -> Wrong:
-    """The error of a function, at the key path that it names below another one."""
-    if not isinstance(error, ArgumentError):
-        return Wrong(path, str(error))
-    inner = (int(part) if part.isdecimal() else part for part in error.path)
-    return Wrong((*path, *inner), error.message, of_key=error.at_key)

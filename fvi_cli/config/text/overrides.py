@@ -12,11 +12,11 @@ from fvi_cli.config.text.tree import (
     Mistake,
     MistakesError,
     Place,
+    inside,
     read_document,
 )
 from fvi_cli.errors import excerpt
-from fvi_cli.scenes.keys.mistakes import inside
-from fvi_cli.scenes.keys.values import KeyPath
+from fvi_cli.scenes.keys.mistakes import KeyPath
 from fvi_cli.studies.members import replaced
 
 OPTION: Final = Place("--set")

@@ -15,7 +15,7 @@ from typing import Any, Final
 import yaml
 
 from fvi_cli.errors import printable
-from fvi_cli.scenes.keys.values import KeyPath, Wrong
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong
 
 LARGEST_TEXT: Final = 1_000_000  # characters
 DEEPEST_NESTING: Final = 50
@@ -115,6 +115,14 @@ class Document:
         for known in (self.places, self.key_places):
             for inside in [one for one in known if one[: len(path)] == path]:
                 del known[inside]
+
+
+def inside(value: Any, part: str | int) -> Any:
+    """The value under a key or number; None where there is none."""
+    if isinstance(value, dict):
+        return value.get(part)
+    is_there = isinstance(value, list) and isinstance(part, int) and part < len(value)
+    return value[part] if is_there else None
 
 
 class MistakesError(Exception):

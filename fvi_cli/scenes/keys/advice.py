@@ -1,72 +1,74 @@
-"""What to write in place of words that people know from elsewhere.
-
-A word counts everywhere, ``problem.T`` only under the key ``problem``.
-"""
+"""What to write in place of words that people know from elsewhere."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Final
 
-
-def _for(words: str, advice: str) -> dict[str, str]:
-    return dict.fromkeys(words.split(), advice)
-
-
+_DAMPER = "write damping: [{order: 1, coefficient: ...}]"
 _ORDER = "order is gamma of the equation of motion, twice the alpha of the fractional action"
 
-_DUFFING = "delta, alpha, beta are damping of order 1, stiffness and cubic_stiffness"
-KEYS: Final[Mapping[str, str]] = {
-    # at the top
-    **_for("methods scheme integrator solver", "write method"),
-    **_for("steps", "write ladder: {steps: [16, 32, 64]}"),
-    **_for("tolerance tol rtol atol", "write accuracy: {tolerance: 1e-8}"),
-    **_for("variants cases scenarios members design", "write designs: {bare: {...}}"),
-    **_for(
-        "kind masses stiffnesses stiffness damping dampers rayleigh final_time initial forcing "
-        "ground_acceleration exact parameters",
+KEYS: Final = (
+    # of experiments
+    ("method", "methods scheme integrator solver", "write method"),
+    ("ladder", "steps", "write ladder: {steps: [16, 32, 64]}"),
+    ("accuracy", "tolerance tol rtol atol", "write accuracy: {tolerance: 1e-8}"),
+    ("designs", "variants cases scenarios members design", "write designs: {bare: {...}}"),
+    (
+        "problem",
+        "kind mass masses stiffness stiffnesses damping dampers rayleigh final_time initial "
+        "forcing ground_acceleration exact parameters",
         "it stands under problem; with --set it is problem....",
     ),
+    ("steps", "dt h step step_size", "write steps: final_time / h"),
+    ("step", "dt every interval", "write step"),
+    ("when", "every period strobe", "write {when: sin(2*pi*t/T), direction: rising}"),
+    ("bdf", "order", "write bdf for the order of the BDF; Gauss of degree m has order 2 m"),
     # of problems
-    **_for("type equation model", "write kind"),
-    **_for("T tmax t_max t_end tend end_time t_final duration", "write final_time"),
-    **_for("k spring", "write stiffness"),
-    **_for("force f load excitation", "write forcing"),
-    **_for("x0 q0 u0 initial_position", "write initial: {position: ...}"),
-    **_for("v0 initial_velocity", "write initial: {velocity: ...}"),
-    **_for("omega0 omega_0 w0 omega_n", "write stiffness, which is mass times omega0**2"),
-    **_for("zeta xi damping_ratio", "write damping: [{order: 1, coefficient: 2*zeta*sqrt(k*m)}]"),
-    **_for("c delta eta viscosity", "write damping: [{order: 1, coefficient: ...}]"),
-    **_for("storey", "between floors of a frame it stands under dampers"),
-    "<<": "merging is not part of YAML 1.2; repeat the keys",
-    # of initial values
-    **_for("initial.x initial.q initial.u initial.displacement", "write position"),
-    **_for("initial.v initial.vx initial.dx initial.speed", "write velocity"),
+    ("kind", "type equation model", "write kind"),
+    ("final_time", "T tmax t_max t_end tend end_time t_final duration", "write final_time"),
+    ("stiffness", "k spring E G", "write stiffness"),
+    ("stiffness", "omega0 omega_0 w0 omega_n", "write stiffness, which is mass times omega0**2"),
+    ("forcing", "force f load excitation", "write forcing"),
+    (
+        "ground_acceleration",
+        "forcing",
+        "the ground drives a frame; for forces on storeys write kind: structure with forcing",
+    ),
+    ("initial", "x0 q0 u0 initial_position", "write initial: {position: ...}"),
+    ("initial", "v0 initial_velocity", "write initial: {velocity: ...}"),
+    ("position", "x q u displacement", "write position"),
+    ("velocity", "v vx dx speed", "write velocity"),
+    (
+        "damping",
+        "zeta xi damping_ratio",
+        "write damping: [{order: 1, coefficient: 2*zeta*sqrt(k*m)}]",
+    ),
+    ("damping", "c delta eta viscosity", _DAMPER),
     # of damping
-    "alpha": f"{_ORDER}; write order",
-    "beta": "of damping write order; the factor of x^3 is cubic_stiffness, of kind: duffing",
-    "gamma": "the order gamma of the derivative is called order",
-    **_for("damping.k damping.E damping.G", "write stiffness, or modulus"),
-    **_for("damping.time damping.unrelaxed", "write law: zener in the same entry"),
-    **_for("damping.modulus", "write law: maxwell in the same entry"),
-    **_for("damping.moduli damping.times", "write law: prony in the same entry"),
-    # of methods
-    **_for("method.order", "write bdf for the order of the BDF; Gauss of degree m has order 2 m"),
-    # of the rest
-    **_for("ladder.dt ladder.h ladder.step ladder.step_size", "write steps: final_time / h"),
-    **_for("output.dt output.every output.interval", "write step"),
-    **_for("events.every period strobe", "write {when: sin(2*pi*t/T), direction: rising}"),
-}
+    ("cubic_stiffness", "alpha", "alpha of Duffing's equation is stiffness"),
+    ("cubic_stiffness", "beta", "beta of Duffing's equation is cubic_stiffness"),
+    ("order", "alpha beta gamma", f"{_ORDER}; write order"),
+    ("damping", "alpha beta gamma", f"{_ORDER}; write it under damping"),
+    ("coefficient", "time unrelaxed relaxed", "write law: zener in the same entry"),
+    ("coefficient", "modulus", "write law: maxwell in the same entry"),
+    ("coefficient", "moduli times", "write law: prony in the same entry"),
+)
+"""A key that a mapping must have for the advice, words, and the advice."""
 
 VALUES: Final[Mapping[str, str]] = {
-    **_for("dashpot viscous newton", "a springpot of order 1: write {order: 1, coefficient: c}"),
-    **_for("voigt kelvin", "write law: kelvin-voigt"),
-    **_for("yes on", "write true"),
-    **_for("no off", "write false"),
-    **_for("sdof oscillator harmonic-oscillator mass-spring spring", "write damped-oscillator"),
-    **_for("building shear-building storeys", "write frame"),
-    **_for("mdof fem matrices", "write structure"),
-    **_for("custom general own henon-heiles", "write lagrangian, with coordinates and lagrangian"),
-    **_for("sls cole-cole standard-linear-solid", "write law: zener, or law: prony"),
-    "rayleigh": "write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]} next to damping",
+    word: advice
+    for words, advice in (
+        ("dashpot viscous newton", "a springpot of order 1: write {order: 1, coefficient: c}"),
+        ("voigt kelvin", "write law: kelvin-voigt"),
+        ("yes on", "write true"),
+        ("no off", "write false"),
+        ("sdof oscillator harmonic-oscillator mass-spring spring", "write damped-oscillator"),
+        ("building shear-building storeys", "write frame"),
+        ("mdof fem matrices", "write structure"),
+        ("custom general own henon-heiles", "write lagrangian, with coordinates and lagrangian"),
+        ("sls cole-cole standard-linear-solid", "write law: zener, or law: prony"),
+        ("rayleigh", "write rayleigh: {ratios: [0.02, 0.05], modes: [1, 3]} next to damping"),
+    )
+    for word in words.split()
 }

@@ -9,54 +9,39 @@ from __future__ import annotations
 import functools
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from types import UnionType
-from typing import (
-    Annotated,
-    Any,
-    Literal,
-    NamedTuple,
-    Self,
-    TypeVar,
-    Union,
-    get_args,
-    get_origin,
-)
+from typing import Annotated, Any, Literal, Self, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from pydantic import (
     AfterValidator,
     BaseModel,
-    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
+    ModelWrapValidatorHandler,
     PlainValidator,
+    ValidationError,
     model_validator,
 )
-from pydantic_core import PydanticCustomError, core_schema
+from pydantic_core import core_schema
 
-from fvi_cli.errors import suggestion
+from fvi_cli.errors import ArgumentError, suggestion
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import CONSTANTS, FUNCTION_NAMES, Expression
+from fvi_cli.scenes.keys.mistakes import (
+    KeyPath,
+    Wrong,
+    key_of,
+    mistakes_of,
+    number_text,
+    refused,
+    wrong_argument,
+)
 
 T = TypeVar("T")
-KeyPath = tuple[str | int, ...]
 WORD = r"^[A-Za-z]\w*$"
-
-
-class Wrong(NamedTuple):
-    """A mistake in a value: where below it, and what."""
-
-    path: KeyPath
-    message: str
-    column: int | None = None  # where in a text, from 1
-    of_key: bool = False  # the key should not be there; its place is meant, not that of its value
-
-
-def refused(*found: Wrong) -> PydanticCustomError:
-    """An error to raise in validators, with all mistakes."""
-    return PydanticCustomError("wrong", "{message}", {"message": found[0].message, "found": found})
 
 
 class Keys(BaseModel):
@@ -70,16 +55,24 @@ class Keys(BaseModel):
         """What is wrong between keys that are all right by themselves."""
         return iter(())
 
-    @model_validator(mode="after")
-    def _check(self) -> Self:
-        if found := list(self.mistakes()):
+    @model_validator(mode="wrap")
+    @classmethod
+    def _check(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        try:
+            model = handler(value)
+            found = list(model.mistakes())
+        except ValidationError as error:
+            found = list(mistakes_of(error, cls))
+        except ArgumentError as error:
+            found = [wrong_argument(error)]
+        if found:
             raise refused(*found)
-        return self
+        return model
 
 
 def plain(model: BaseModel) -> dict[str, Any]:
     """The JSON values of a model with its defaults; what is None is left out."""
-    return model.model_dump(by_alias=True, exclude_none=True)
+    return model.model_dump(by_alias=True, exclude_none=True, warnings="none")
 
 
 def key(description: str, default: Any = ..., *, unit: str = "", **limits: Any) -> Any:
@@ -105,15 +98,24 @@ def from_key(description: str, default: Any = ...) -> Any:
     return Field(default, description=description, alias="from")
 
 
-def key_of(name: str, field: Any) -> str:
-    """The key of a field."""
-    return field.alias or name
-
-
-def known_keys(model: Any) -> list[str]:
+def keys_of(model: Any) -> list[str]:
     """The keys of a model; none of anything else."""
     fields = getattr(model, "model_fields", {})
     return [key_of(name, field) for name, field in fields.items()]
+
+
+def _union(
+    branches: Iterable[Any], choose: Callable[[Any], int], expected: str, key_name: str = ""
+) -> Any:
+    """A union of which one branch is tried, that with the chosen number; -1: none."""
+    return core_schema.tagged_union_schema(
+        {f"<{number}>": branch for number, branch in enumerate(branches)},
+        # values that are written are models, those that are read are not
+        discriminator=lambda one: None if isinstance(one, BaseModel) else f"<{choose(one)}>",
+        custom_error_type="form",
+        custom_error_message="{expected}",
+        custom_error_context={"expected": expected, "key": key_name},
+    )
 
 
 class ByForm:
@@ -122,75 +124,52 @@ class ByForm:
     Among several models of mappings, the one that shares most keys with the value is chosen.
     """
 
-    key_name = ""
-
-    def marks(self, branches: tuple[Any, ...]) -> list[Any]:
-        """What distinguishes the branches: their forms."""
-        return [form_of(one) for one in branches]
-
-    def choose(self, branches: tuple[Any, ...], value: Any, marks: list[Any] | None = None) -> int:
-        """The number of the branch; -1 if no branch has this form."""
-        forms = self.marks(branches) if marks is None else marks
-        form = type(value) if type(value) in (list, dict, str) else None
-        form = None if form is str and str not in forms else form
-        if form is dict and forms.count(dict) > 1:
-            fitting = [n for n, one in enumerate(forms) if one is dict]
-            shared = [len(set(known_keys(branches[n])) & value.keys()) for n in fitting]
-            return fitting[shared.index(max(shared))] if any(shared) else -1
-        return forms.index(form) if form in forms else -1
-
-    def words(self, branches: tuple[Any, ...]) -> str:
-        """What is allowed, in words."""
-        return " or ".join(dict.fromkeys(map(in_words, branches)))
-
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        """A tagged union whose tags are the numbers of the branches."""
         branches = get_args(source)
-        marks, models = self.marks(branches), list(map(_models, branches))
+        forms = [form_of(one) for one in branches]
 
-        def tag(value: Any) -> str | None:
-            # values that are written are models, those that are read are not
-            if isinstance(value, BaseModel):
-                number = next(n for n, one in enumerate(models) if type(value) in one)
-            else:
-                number = self.choose(branches, value, marks)
-            return None if number < 0 else f"<{number}>"
+        def choose(value: Any) -> int:
+            form = type(value) if type(value) in (list, dict, *forms) else None
+            fitting = [number for number, one in enumerate(forms) if one is form]
+            if form is dict and len(fitting) > 1:
+                shared = [len({*keys_of(branches[n])} & value.keys()) for n in fitting]
+                return fitting[shared.index(max(shared))] if any(shared) else -1
+            return fitting[0] if fitting else -1
 
-        return core_schema.tagged_union_schema(
-            {f"<{n}>": handler.generate_schema(one) for n, one in enumerate(branches)},
-            discriminator=tag,
-            custom_error_type="form",
-            custom_error_message="{expected}",
-            custom_error_context={"expected": self.words(branches), "key": self.key_name},
-        )
+        expected = " or ".join(dict.fromkeys(map(in_words, branches)))
+        return _union(map(handler.generate_schema, branches), choose, expected)
 
 
-def _models(branch: Any) -> frozenset[Any]:
-    """The models of a branch, which may be a union itself."""
-    if get_origin(branch) in (Annotated, Union, UnionType):
-        return frozenset[Any]().union(*map(_models, get_args(branch)))
-    return frozenset([branch]) if isinstance(branch, type) else frozenset()
-
-
-class ByWord(ByForm):
-    """Chooses a branch, a model, by the word under a key."""
+class ByWord:
+    """Chooses a model by the word under a key."""
 
     def __init__(self, key_name: str, *, usual: str = "") -> None:
         self.key_name, self.usual = key_name, usual
 
-    def marks(self, branches: tuple[Any, ...]) -> list[Any]:
-        """What distinguishes the branches: their words."""
-        return [word_of(one, self.key_name) for one in branches]
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        branches = get_args(source)
+        words = [word_of(one, self.key_name) for one in branches]
 
-    def choose(self, branches: tuple[Any, ...], value: Any, marks: list[Any] | None = None) -> int:
-        """The number of the branch with the given word; -1 if there is none."""
-        known = self.marks(branches) if marks is None else marks
-        word = value.get(self.key_name, self.usual) if isinstance(value, Mapping) else None
-        return known.index(word) if word in known else -1
+        def choose(value: Any) -> int:
+            is_mapping = isinstance(value, Mapping)
+            word = value.get(self.key_name, self.usual) if is_mapping else None
+            return words.index(word) if word in words else -1
 
-    def words(self, branches: tuple[Any, ...]) -> str:
-        """The known words."""
-        return ", ".join(self.marks(branches))
+        models = map(handler.generate_schema, branches)
+        return _union(models, choose, ", ".join(words), self.key_name)
+
+
+class OneOrMany:
+    """Marks a list that may be written as its single entry."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
+        several = handler(source)
+        entry = handler.generate_schema(get_args(source)[0])
+        alone = core_schema.no_info_after_validator_function(lambda one: [one], entry)
+        return _union([alone, several], lambda value: int(isinstance(value, list)), "")
+
+
+BY_FORM, ONE_OR_MANY = ByForm(), OneOrMany()
 
 
 def word_of(model: type[BaseModel], key_name: str) -> str:
@@ -202,10 +181,8 @@ def form_of(branch: Any) -> type | None:
     """``list``, ``dict`` or, of words, ``str``; None of numbers and formulas."""
     if branch == Formula:
         return None
-    while get_origin(branch) is Annotated:
+    while get_origin(branch) in (Annotated, Union, UnionType):
         branch = get_args(branch)[0]
-    if get_origin(branch) in (Union, UnionType):
-        return form_of(get_args(branch)[0])
     if isinstance(branch, type) and issubclass(branch, BaseModel):
         return dict
     origin = get_origin(branch)
@@ -218,36 +195,14 @@ def in_words(branch: Any) -> str:
     """A branch of a union in words that continue *it must be*."""
     form = form_of(branch)
     if form is dict:
-        return f"a mapping with {', '.join(known_keys(branch)) or 'names'}"
+        return f"a mapping with {', '.join(keys_of(branch)) or 'names'}"
     if get_origin(branch) is Literal:
         return " or ".join(get_args(branch))
     number = "a number or an expression" if branch == Formula else "a number"
     return "a list" if form is list else "a text" if form is str else number
 
 
-class OneOrMany:
-    """Marks a list that may be written as its single entry."""
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> Any:
-        """The schema of the list, before which a single entry becomes one."""
-        several = handler(source)
-        entry = handler.generate_schema(get_args(source)[0])
-        return core_schema.no_info_before_validator_function(
-            lambda value: value if isinstance(value, list) else [value],
-            several,
-            json_schema_input_schema=core_schema.union_schema([entry, several]),
-        )
-
-
-BY_FORM, ONE_OR_MANY = ByForm(), OneOrMany()
-
 _NAMES = re.compile(r"(?<![\w.])[A-Za-z_]\w*(?!\w*\s*\()")
-
-
-def number_text(value: float) -> str:
-    """The shortest text of a number: ``8`` of 8 and of 8.0."""
-    is_whole = math.isfinite(value) and abs(value) < 1e15 and value == int(value)
-    return str(int(value)) if is_whole else repr(float(value))
 
 
 def _formula(value: Any) -> str:
@@ -290,14 +245,6 @@ def unknown_names(path: KeyPath, formula: str, known: Mapping[str, Any]) -> Iter
         yield Wrong(path, message, 1 + column.start() if column else None)
 
 
-def _rows(value: Any) -> Any:
-    if isinstance(value, list) and not any(isinstance(row, list) for row in value):
-        words = f"{len(value)} numbers where {len(value)} rows are needed"
-        hint = "for a diagonal matrix write [[m1, 0], [0, m2]]"
-        raise refused(Wrong((), f"{words}; {hint}" if value else "a matrix has at least one row"))
-    return value
-
-
 def _square(value: list[list[float]]) -> list[list[float]]:
     size = len(value)
     for number, row in enumerate(value):
@@ -324,7 +271,7 @@ Order = Annotated[float, Field(gt=0, lt=2)]
 Count = Annotated[int, Field(ge=1, le=1000)]
 Name = Annotated[str, Field(pattern=WORD)]
 Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
-Matrix = Annotated[list[list[float]], BeforeValidator(_rows), AfterValidator(_square)]
+Matrix = Annotated[list[list[float]], Field(min_length=1), AfterValidator(_square)]
 Increasing = Annotated[list[T], Field(min_length=1), AfterValidator(_increasing)]
 
 

@@ -29,13 +29,13 @@ from fvi_cli.scenes.forces import (
     formulas_of,
     objection,
 )
+from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     FormulaOrMany,
     Increasing,
     Keys,
     Positive,
-    Wrong,
     key,
     unknown_names,
 )

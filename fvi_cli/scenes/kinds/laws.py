@@ -20,6 +20,7 @@ from fvi_cli.effects.matrices import Factored, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Effect
+from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     ByWord,
@@ -30,7 +31,6 @@ from fvi_cli.scenes.keys.values import (
     NotNegative,
     Order,
     Positive,
-    Wrong,
     key,
 )
 from fvi_cli.scenes.records.matrices import NumberOrMatrix, matrix_of

@@ -14,7 +14,8 @@ from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.forces import TimeFunction, build_forcing
-from fvi_cli.scenes.keys.values import BY_FORM, Positive, Wrong, key
+from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.values import BY_FORM, Positive, key
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of, on_coordinates
 from fvi_cli.scenes.lagrangian import check_names, names_of_dampers

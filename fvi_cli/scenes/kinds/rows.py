@@ -15,7 +15,8 @@ from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, TimeFunction
-from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive, Wrong, key
+from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive, key
 from fvi_cli.scenes.kinds.kind import Forced, SceneKind
 from fvi_cli.scenes.kinds.laws import Place, Term, between_parts
 from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix, Vector

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, model_validator
 
 from fvi_cli.errors import ArgumentError, excerpt, suggestion
-from fvi_cli.scenes.keys.values import Keys, Wrong, key, refused
+from fvi_cli.scenes.keys.mistakes import Wrong, refused
+from fvi_cli.scenes.keys.values import Keys, key
 
 LARGEST_TEXT: Final = 20_000_000
 MOST_LINES: Final = 1_000_000

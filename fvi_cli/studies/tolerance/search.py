@@ -93,7 +93,7 @@ def solve(
     try:
         wanted = Accuracy.model_validate(given)
     except ValidationError as error:
-        raise first_mistake(error, given, Accuracy) from None
+        raise first_mistake(error) from None
     return solve_by_two_runs(scene, wanted, log=log)[0]
 
 
