@@ -23,7 +23,7 @@ from fvi_cli.runner.progress import Task, progress_bar
 from fvi_cli.runner.request import Source, file_of, is_stored, load
 from fvi_cli.runner.work import Batch, batches_of, one_by_one_words, reference_batches_of
 from fvi_cli.storage.identity import identity_of
-from fvi_cli.storage.store import Store, running
+from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.reference import needs_refined_run
 
@@ -214,16 +214,11 @@ class _Work:
         for experiment in dict.fromkeys(one.experiment for one in own):
             if experiment.members and (words := one_by_one_words(experiment)):
                 _logger.info("%s: %s", name, words)
-        with (
-            running(self.store.path if batches and self.store.keeps else None) as is_alone,
-            progress_bar(name, len(own), wanted=progress) as advance,
-        ):
+        with progress_bar(name, len(own), wanted=progress) as advance:
             for waiting in (reference_batches_of(own), batches):
                 if workers > 1 or dask:
                     waiting.sort(key=lambda one: -one.n_steps)
-                # two commands begin at different ends, and skip what the other has done
-                ordered = waiting if is_alone else waiting[::-1]
-                for batch, result in compute_all(self._ready(ordered), workers, dask):
+                for batch, result in compute_all(self._ready(waiting), workers, dask):
                     if isinstance(result, bytes):
                         self.store.add(batch.name, result)
                     elif not batch.is_reference:
@@ -238,13 +233,12 @@ class _Work:
     def _ready(self, batches: Sequence[Batch]) -> Iterator[Batch]:
         """The batches with the references that are known, but those that are computed meanwhile."""
         for batch in batches:
-            if not self.is_fresh:
-                if self.store.has_grown():
-                    self.store.look()
-                is_stored = all(map(self.store.has, batch.identities))
-                if is_stored or self.store.has_part(batch.name):
-                    continue
+            if not self.is_fresh and all(map(self.store.has, batch.identities)):
+                continue
             needed = [] if batch.is_reference else list(filter(needs_refined_run, batch.runs))
+            if needed:
+                # another command may have folded them
+                self.store.look()
             yield replace(batch, references=self.store.references(needed))
 
 

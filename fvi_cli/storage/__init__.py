@@ -5,7 +5,7 @@
 run and what came out; members of a sweep share a group, with an axis ``member`` in front. Runs that
 the configuration does not ask for lie in the same way below ``/@kept/<digest of their settings>/``,
 references of errors below ``/@references/``, numbers of input files below ``/@inputs/``.
-``/@configuration/`` has the configuration, ``/@index/`` the places of all runs.
+``/@configuration/`` has the configuration.
 """
 
 from fvi_cli.storage.contents import StoredFile, StoredRun, list_runs, read_configuration

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import errno
 import os
 import secrets
 import shutil
@@ -14,8 +13,6 @@ from fvi_cli.errors import StorageError
 
 UNFINISHED = ".tmp"
 """Ending of files that are being written; such a file that a crash leaves behind is useless."""
-
-_WITHOUT_LOCKS = (errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOSYS)
 
 
 def replace_file(path: Path, content: bytes) -> None:
@@ -64,28 +61,14 @@ def reason(error: OSError) -> str:
 
 
 @contextlib.contextmanager
-def file_lock(path: Path, *, waits: bool) -> Iterator[bool]:
-    """Hold the kernel's lock on `path`, a file of its own that is removed at the end.
+def file_lock(path: Path) -> Iterator[None]:
+    """Hold the lock on `path`, a file of its own that is removed at the end."""
+    from filelock import FileLock
 
-    Yields False where another process holds it and this one does not wait, and on file systems
-    without locks.
-    """
-    from filelock import FileLock, Timeout
-
-    # the fallback, a lock by the mere existence of a file, would outlive a killed process
-    lock = FileLock(path, timeout=-1 if waits else 0, fallback_to_soft=False)
-    try:
-        lock.acquire()
-    except (OSError, NotImplementedError) as error:
-        is_known = isinstance(error, Timeout | NotImplementedError)
-        if not is_known and getattr(error, "errno", None) not in _WITHOUT_LOCKS:
-            raise
-        yield False
-        return
-    try:
-        yield True
-    finally:
-        # filelock takes its lock anew where the file it opened has been removed
-        with contextlib.suppress(OSError):
-            path.unlink()
-        lock.release()
+    with FileLock(path):
+        try:
+            yield
+        finally:
+            # filelock takes its lock anew where the file it opened has been removed
+            with contextlib.suppress(OSError):
+                path.unlink()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -27,7 +29,6 @@ from fvi_cli.storage.hdf5 import (
 )
 from fvi_cli.storage.parts import CONFIGURATION, INPUTS, REFERENCES, SETTINGS, VARIANT
 from fvi_cli.storage.provenance import origin
-from fvi_cli.storage.stream import SafeStream
 
 KEPT: Final = "@kept"
 """Group of experiments with settings that are not asked for, below the digest of these."""
@@ -55,20 +56,20 @@ def fold_files(
     A run of a source is taken if it `is_kept`; an experiment is at the root if its settings are
     those in `variants`, or else the latest. If it `prunes`, the file is written anew.
     """
-    is_copy = path.exists() and not prunes
-    sources = [path] * (path.exists() and prunes) + sorted(parts)
+    own, is_copy = [path] * path.exists(), path.exists() and not prunes
+    sources = own * prunes + sorted(parts)
     with replacement(path) as temporary:
+        # HDF5 ends the process where it cannot write
+        needed = sum(one.stat().st_size for one in (*own, *parts))
+        if shutil.disk_usage(path.parent).free < needed:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
         if is_copy:
             shutil.copyfile(path, temporary)
-        with temporary.open("rb+" if is_copy else "wb+", buffering=0) as handle:
-            stream = SafeStream(handle)
-            with h5py.File(stream, "r+" if is_copy else "w", libver=LIBVER) as file:
-                folded = _Folded(file, is_kept, {**_latest(sources), **variants})
-                for source in sources:
-                    folded.append(source, is_own=source == path)
-                    stream.check()
-                folded.finish()
-            stream.check()
+        with h5py.File(temporary, "r+" if is_copy else "w", libver=LIBVER) as file:
+            folded = _Folded(file, is_kept, {**_latest(sources), **variants})
+            for source in sources:
+                folded.append(source, is_own=source == path)
+            folded.finish()
 
 
 def _latest(sources: Sequence[Path]) -> dict[str, str]:

@@ -28,7 +28,6 @@ _logger = logging.getLogger(__name__)
 
 SUFFIX: Final = ".h5"
 PARTIAL: Final = ".partial"
-_RUNNING: Final = ".running"
 _OF_VERSION_3: Final = (".journal", ".parts")
 """Endings of files and folders that version 0.3 wrote beside a result file."""
 
@@ -76,7 +75,7 @@ class Store:
 
     @classmethod
     def existing(cls, path: Path) -> Store:
-        """The store of a file that a command reads; its parts are folded where that is possible.
+        """The store of a file that a command reads; its parts are folded.
 
         Raises
         ------
@@ -85,10 +84,7 @@ class Store:
         """
         store = cls(path)
         store.configuration()
-        try:
-            store.fold()
-        except StorageError as error:
-            _logger.warning("%s; its parts are read as they are", error)
+        store.fold()
         return store
 
     @property
@@ -129,16 +125,6 @@ class Store:
     def has(self, identity: str) -> bool:
         """Whether a run or a reference is stored."""
         return identity in self._places
-
-    def has_part(self, name: str) -> bool:
-        """Whether a part is there, such as one that another command has written meanwhile."""
-        return self.path is not None and (self.folder / name).exists()
-
-    def has_grown(self) -> bool:
-        """Whether another command has folded parts since the last look."""
-        if self.path is None or not self.path.exists():
-            return False
-        return self.path.stat().st_mtime_ns != self._known.get(self.path)
 
     def add(self, name: str, content: bytes) -> None:
         """Store a part; :meth:`look` finds its runs."""
@@ -233,7 +219,7 @@ class Store:
 
         Experiments with other settings than those of the `requested` runs move to ``/@kept/``; if
         it `prunes`, runs that are not requested are dropped. One command folds at a time; a part
-        that appears meanwhile waits for the next. Where the file system has no locks, parts stay.
+        that appears meanwhile waits for the next.
         """
         if (
             self.path is None
@@ -243,11 +229,8 @@ class Store:
             return
         with (
             explain_os_error(self.path),
-            file_lock(self.path.with_name(f".{self.path.name}.lock"), waits=True) as is_held,
+            file_lock(self.path.with_name(f".{self.path.name}.lock")),
         ):
-            if not is_held:
-                _logger.warning("%s: no locks on this file system; parts stay there", self.folder)
-                return
             # of a fold that was killed
             for one in self.path.parent.glob(f".{self.path.name}.*{UNFINISHED}"):
                 one.unlink(missing_ok=True)
@@ -281,22 +264,9 @@ class Store:
         # another command may have written a part meanwhile
         if not self.parts():
             with contextlib.suppress(OSError):
-                for path in (*self.folder.glob(f".*{UNFINISHED}"), self.folder / _RUNNING):
+                for path in self.folder.glob(f".*{UNFINISHED}"):
                     path.unlink(missing_ok=True)
                 self.folder.rmdir()
-
-
-@contextlib.contextmanager
-def running(path: Path | None) -> Iterator[bool]:
-    """Whether this command is the only one that computes runs of a result file."""
-    if path is None:
-        yield True
-        return
-    with (
-        explain_os_error(path.parent),
-        file_lock(path.with_suffix(PARTIAL) / _RUNNING, waits=False) as is_held,
-    ):
-        yield is_held
 
 
 def _chosen(run: Run, values: Mapping[str, Any]) -> Run:

@@ -210,17 +210,3 @@ def test_modes_and_links_of_files_stay(tmp_path):
     assert (tmp_path / "one.h5").is_symlink()
     assert (tmp_path / "real/one.h5").stat().st_mode & 0o777 == 0o600
     assert kept_in(tmp_path / "real/one.h5", load().experiments[0].runs()) == 2
-
-
-def test_parts_in_a_folder_that_cannot_be_written_are_read(tmp_path, monkeypatch, caplog):
-    store, loaded = Store(tmp_path / "one.h5"), load(SWEPT)
-    store.describe(loaded.text, loaded.resolved, loaded.overrides)
-    add(store, run(None, SWEPT)[:3])
-
-    def refuse(*arguments, **options):
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr("fvi_cli.storage.store.file_lock", refuse)
-    assert [one.members for one in list_runs(tmp_path / "one.h5").runs] == [3]
-    assert "cannot be written: Permission denied; its parts are read" in caplog.text
-    assert len(api.recall(tmp_path / "one.h5")[0].finished) == 3
