@@ -11,15 +11,12 @@ from pathlib import Path
 from typing import Final
 
 import h5py
-from h5py import h5o
 
 from fvi_cli.storage.files import replacement
 from fvi_cli.storage.groups import GroupWriter, read_records, run_groups
 from fvi_cli.storage.hdf5 import (
     LIBVER,
-    LINKS,
     children,
-    copy_attributes,
     opened,
     read_attributes,
     read_plain,
@@ -54,7 +51,8 @@ def fold_files(
     """Append parts to a result file.
 
     A run of a source is taken if it `is_kept`; an experiment is at the root if its settings are
-    those in `variants`, or else the latest. If it `prunes`, the file is written anew.
+    those in `variants`, or else the latest. If it `prunes`, the file is written anew, without what
+    other programs have added to it.
     """
     own, is_copy = [path] * path.exists(), path.exists() and not prunes
     sources = own * prunes + sorted(parts)
@@ -68,7 +66,7 @@ def fold_files(
         with h5py.File(temporary, "r+" if is_copy else "w", libver=LIBVER) as file:
             folded = _Folded(file, is_kept, {**_latest(sources), **variants})
             for source in sources:
-                folded.append(source, is_own=source == path)
+                folded.append(source)
             folded.finish()
 
 
@@ -102,34 +100,27 @@ class _Folded:
         is_asked_for = self._variants.get(experiment, variant) == variant
         return f"/{experiment}" if is_asked_for else f"/{KEPT}/{variant}/{experiment}"
 
-    def append(self, source: Path, *, is_own: bool) -> None:
-        """Add a source; of the result file itself also what other programs have added to it."""
+    def append(self, source: Path) -> None:
+        """Add what this program has written into a source."""
         with opened(source) as own:
             for experiment, name, variant in experiments_in(own):
                 place = self._place(name, variant)
-                self._append_runs(source, experiment, place, is_own=is_own)
+                self._append_runs(source, experiment, place)
                 if place in self._file:
                     write_attributes(self._file[place].id, {VARIANT: variant})
             if REFERENCES in own:
-                self._append_runs(source, own[REFERENCES], f"/{REFERENCES}", is_own=is_own)
+                self._append_runs(source, own[REFERENCES], f"/{REFERENCES}")
             for above in (CONFIGURATION, SETTINGS, INPUTS):
                 for path, arrays in read_plain(own, above).items():
                     if above == CONFIGURATION or path not in self._file:
                         write_plain(self._file, path, arrays)
-            for name, node in children(own) if is_own else ():
-                if not name.startswith("@") and VARIANT not in node.attrs:
-                    h5o.copy(node.id, b".", self._file.id, name.encode(), lcpl=LINKS)
-            if is_own:
-                copy_attributes(own, self._file, ())
 
-    def _append_runs(self, source: Path, above: h5py.Group, place: str, *, is_own: bool) -> None:
+    def _append_runs(self, source: Path, above: h5py.Group, place: str) -> None:
         for group in run_groups(above):
             path = place + str(group.name).removeprefix(str(above.name))
             for block in read_records(group):
                 kept = [one for one in block if self._is_kept(one.identity, source)]
                 self._writer.write([replace(one, path=path) for one in kept])
-            if is_own and path in self._file:
-                copy_attributes(group, self._file[path], list(group))
 
     def finish(self) -> None:
         """Complete the groups, and write when and by what."""

@@ -11,7 +11,7 @@ import io
 import json
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -191,7 +191,10 @@ def _fitting(group: h5py.Group, name: str, shape: tuple[int, ...], dtype: Any) -
     values = node[()]
     del group[name]
     new = _create(group, name, size, needed, grows=True)
-    copy_attributes(node, new, ())
+    # also those of other programs
+    for attribute in node.attrs:
+        if attribute.encode() not in SCALE_ATTRIBUTES:
+            new.attrs[attribute] = node.attrs[attribute]
     put(group, name, values.astype(needed), range(len(values)))
     return new
 
@@ -263,16 +266,6 @@ def read_attributes(node: Any, names: Sequence[str] = ()) -> dict[str, Any]:
         value = held.tolist()
         found[name.decode()] = value.decode() if isinstance(value, bytes) else value
     return found
-
-
-def copy_attributes(source: h5py.Group, target: h5py.Group, members: Iterable[str]) -> None:
-    """Copy attributes that the target lacks, and those of some members, as of other programs."""
-    for name in source.attrs:
-        if name not in target.attrs and name.encode() not in SCALE_ATTRIBUTES:
-            target.attrs[name] = source.attrs[name]
-    for name in members:
-        if name in target:
-            copy_attributes(source[name], target[name], ())
 
 
 def children(group: h5py.Group) -> Iterator[tuple[str, Any]]:

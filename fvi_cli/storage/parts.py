@@ -118,8 +118,7 @@ def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool
     """The arrays that are stored of a run, and whether its times are those of its sweep."""
     run, arrays = finished.run, arrays_of(finished)
     every = run.experiment.store_every
-    # a trajectory with `every` was thinned while it was integrated
-    if every > 1 and finished.trajectory.every == 1:
+    if every > 1:
         for name, one in arrays.items():
             if axes_of(name)[0] in (TIME, MESH):
                 arrays[name] = one[_kept_points(len(one), every)]
