@@ -36,18 +36,13 @@ class Gradient:
     derivatives
         For every parameter an array G of the shape of its value, such that the number changes by
         :math:`\sum G\, d\theta`.
-    left_out
-        Where all parameters were requested, those without a derivative, and why.
     """
 
     value: float
     derivatives: Mapping[str, Array]
-    left_out: Mapping[str, str]
 
     def __getitem__(self, name: str) -> Array:
         """The derivative by one parameter."""
-        if name in self.left_out:
-            raise ArgumentError(name, f"left out, without a derivative: {self.left_out[name]}")
         return self.derivatives[name]
 
 
@@ -58,10 +53,10 @@ def gradient(
     quantity: Quantity,
     parameters: Sequence[str] | Mapping[str, float] | None = None,
 ) -> Gradient:
-    """Derivatives of one number of a run, by the adjoint of its discrete equations.
+    """Derivatives of one number of a run, by its linearised discrete equations.
 
     They are derivatives of the computed number on the mesh of the run (the mesh of an adaptive run
-    is fixed), accurate to about ten digits, and cost one run and one backward sweep.
+    is fixed), accurate to about ten digits.
 
     Parameters
     ----------
@@ -81,7 +76,7 @@ def gradient(
         For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
         ``potential.<parameter>``, ``lagrangian.<parameter>``, ``forcing.<parameter>``,
-        ``laws.0.order`` and similar; None: all that have a derivative; `left_out` names the others.
+        ``laws.0.order`` and similar; None: all of them.
         For a function its arguments with their values: they may change numbers with names, no
         numbers inside the text of formulas.
 
@@ -129,18 +124,12 @@ def gradient(
         ]
     else:
         raise ValueError("parameters: give the arguments of the function with their values")
-    found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
-    left_out, rates = found.left_out, iter(found.derivatives.tolist())
-    if left_out and parameters is not None:
-        raise ValueError(next(iter(left_out.values())))
+    value, found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
+    rates = iter(found.tolist())
     derivatives = {
         name: one.gathered([next(rates) for _ in one.indices]) for name, one in entries.items()
     } or {one.name: np.array(next(rates)) for one in changes}
-    return Gradient(
-        value=found.value,
-        derivatives={name: one for name, one in derivatives.items() if name not in left_out},
-        left_out=left_out,
-    )
+    return Gradient(value=value, derivatives=derivatives)
 
 
 def _scene(subject: Subject) -> Scene:

@@ -1,4 +1,4 @@
-r"""The discrete equations of a run, linearised along it, and solved in both directions.
+r"""The discrete equations of a run, linearised along it: what disturbances do to the trajectory.
 
 A step maps position x and momentum p at its beginning, the forces F of the past at its stages (term
 by term, without their matrices) and load vectors g to x and p after it and to the velocities V at
@@ -9,12 +9,7 @@ its stages,
 where z are the states of the memory. T and G are the solved equations of
 :mod:`fvi_cli.integrator.engine.step`, with the second derivatives of L at the stages.
 
-Solved forwards, this gives the effect of disturbances on the trajectory, one column for each.
-Solved backwards, all matrices transposed, it gives the effect of *all* disturbances on one number:
-the mirror equation of the restricted Hamilton's principle (Hariz Belgacem, Jimenez, Ober-Bloebaum,
-arXiv 2403.18362), on the same mesh.
-
-Shapes: n steps, p columns, d components; m stages of a step, f damping terms, J states.
+Shapes: n steps, p disturbances, d components; m stages of a step, f damping terms, J states.
 """
 
 from __future__ import annotations
@@ -34,8 +29,6 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 
-LARGEST_STEP = 1500
-"""Most unknowns (degree times components) of a step: matrices of that size are inverted."""
 AT_ONCE = 2**21
 """Most entries of the matrices of steps that are computed together: some 16 MB."""
 
@@ -56,20 +49,6 @@ class Tangent(NamedTuple):
     forces: Array  # there, of all terms without their matrices, (f, p, n, m, d)
 
 
-class Cotangent(NamedTuple):
-    """Changes of one number by unit disturbances of each kind, without the axis of p."""
-
-    loads: Array
-    position: Array
-    momentum: Array
-
-    def along(self, change: Disturbance) -> Array:
-        """The derivatives of that number, shape ``(p,)``."""
-        return np.asarray(
-            sum(np.tensordot(a, b, b.ndim) for a, b in zip(change, self, strict=True))
-        )
-
-
 class Maps(NamedTuple):
     """Maps of n steps; those of the memory are for u different lengths."""
 
@@ -83,22 +62,11 @@ class Maps(NamedTuple):
 
 
 class LinearisedRun:
-    """A run of a Runge-Kutta method, ready for tangents and adjoints.
-
-    Raises
-    ------
-    ValueError
-        For steps with too many unknowns, or whose linearised equations have no unique solution.
-    """
+    """A run of a Runge-Kutta method, ready for tangents."""
 
     def __init__(self, scene: Scene, method: Method, steps: RunSteps) -> None:
         self.scene, self.method, self.steps = scene, method, steps
         self.tables, self.d = steps.tables, scene.dimension
-        self._size = self.tables.degree * self.d
-        if self._size > LARGEST_STEP:
-            raise ValueError(
-                f"derivatives: {self._size} unknowns in a step; at most {LARGEST_STEP} are possible"
-            )
         # those of a scene without damping do nothing
         self.coefficients = np.array(_matrices(scene) or [np.zeros((self.d, self.d))])
         terms = _terms(scene) or [0.0]
@@ -152,11 +120,6 @@ class LinearisedRun:
             found.append(total)
         return found
 
-    @property
-    def n_terms(self) -> int:
-        """Number f of damping terms and laws; a scene without has one that does nothing."""
-        return len(self.coefficients)
-
     def loads_by(self, momentum: Array, force: Array) -> Array:
         r"""Load vectors ``(n, s + 1, d)`` of changes of P and of Q - F at the stages.
 
@@ -169,7 +132,8 @@ class LinearisedRun:
 
     def tangent(self, change: Disturbance) -> Tangent:
         """Effect of disturbances on the trajectory."""
-        d, (n, m, _), p, f = self.d, self.steps.velocity.shape, len(change.position), self.n_terms
+        d, (n, m, _), f = self.d, self.steps.velocity.shape, len(self.coefficients)
+        p = len(change.position)
         positions, velocities = np.empty((p, n + 1, d)), np.empty((p, n, m, d))
         forces = np.empty((f, p, n, m, d))
         positions[:, 0] = change.position
@@ -178,8 +142,16 @@ class LinearisedRun:
         for own in self._parts():
             maps, loads = self._maps(own), change.loads[:, own]
             found = np.matmul(maps.by_load, loads.reshape(*loads.shape[:2], -1).transpose(1, 2, 0))
-            given = np.zeros((len(found), (2 + f * m) * d, p))
-            end, states = _sweep(maps, given, found, end, states, back=False)
+            given = np.empty((len(found), (2 + f * m) * d, p))
+            # np.dot is the quickest product of small matrices
+            for index, which in enumerate(maps.which):
+                begin, after = given[index], found[index]
+                begin[: 2 * d] = end
+                begin[2 * d :] = np.dot(maps.response[which], states).reshape(-1, p)
+                after += np.dot(maps.by_state[index], begin)
+                end = after[: 2 * d]
+                states = maps.decay[which] * states
+                states += np.dot(maps.intake[which], after[2 * d :].reshape(-1, d * p))
             positions[:, own.start + 1 : own.stop + 1] = found[:, :d].transpose(2, 0, 1)
             velocity = found[:, 2 * d :].reshape(-1, m, d, p).transpose(3, 0, 1, 2)
             past = given[:, 2 * d :].reshape(-1, f, m, d, p).transpose(1, 4, 0, 2, 3)
@@ -187,36 +159,12 @@ class LinearisedRun:
             forces[:, :, own] = past + np.matmul(maps.local[:, None], velocity)
         return Tangent(positions, velocities, forces)
 
-    def adjoint(self, position: Array, velocity: Array, forces: Array) -> Cotangent:
-        """Effect of disturbances of all kinds on one number.
-
-        The arguments are derivatives of the number: by positions at the points of the mesh,
-        ``(n + 1, d)``, and at the stages by velocities, ``(n, m, d)``, and by the force of each
-        term without its matrix, ``(f, n, m, d)``.
-        """
-        d, f, (n, m, _) = self.d, self.n_terms, velocity.shape
-        loads = np.empty((n, self.tables.degree + 1, d))
-        end = np.concatenate([position[-1], np.zeros(d)])[:, None]
-        states = np.zeros((self._memory.n_states, d))
-        for own in reversed(list(self._parts())):
-            maps, pulled = self._maps(own), forces[:, own]
-            direct = velocity[own] + np.matmul(maps.local.swapaxes(2, 3), pulled).sum(axis=0)
-            count = len(direct)
-            given, found = np.zeros((count, (2 + m) * d, 1)), np.zeros((count, (2 + f * m) * d, 1))
-            given[:, 2 * d :, 0] = direct.reshape(count, -1)
-            # the position where a step begins is that after the step before
-            found[:, :d, 0] = position[own]
-            found[:, 2 * d :, 0] = pulled.swapaxes(0, 1).reshape(count, -1)
-            end, states = _sweep(maps, given, found, end, states, back=True)
-            loads[own] = np.matmul(maps.by_load.swapaxes(1, 2), given).reshape(count, -1, d)
-        return Cotangent(loads, end[:d, 0], end[d:, 0])
-
     def _parts(self) -> Iterator[slice]:
         """Ranges of steps whose maps are computed together."""
         sizes = self.steps.step_size
         n = sizes.size
         distinct = np.unique(sizes).size if self.scene.is_linear else n
-        together = max(1, n * AT_ONCE // (distinct * self._size**2))
+        together = max(1, n * AT_ONCE // (distinct * (self.tables.degree * self.d) ** 2))
         return (slice(first, min(first + together, n)) for first in range(0, n, together))
 
     def _maps(self, own: slice) -> Maps:
@@ -254,8 +202,6 @@ class LinearisedRun:
             [to_loads @ (one @ t.to_inputs) for one in local],
             list(self.coefficients[:, None]),
         )
-        if not np.isfinite(step.inverse).all():
-            raise ValueError("derivatives: the equations of a step have no unique solution")
         # cases: x, p, forces of the past at the stages, load vectors
         first, last = 2 * d, (2 + len(local) * m) * d
         count = last + (t.degree + 1) * d
@@ -310,31 +256,3 @@ def _matrices(scene: Scene) -> list[Array]:
     """Matrices of damping terms, then of laws, these times their sizes."""
     found = [one.matrix for one in scene.damping]
     return [*found, *(one.size * one.matrix for one in scene.laws)]
-
-
-def _sweep(
-    maps: Maps, given: Array, found: Array, end: Array, states: Array, *, back: bool
-) -> tuple[Array, Array]:
-    """Go through steps by T, or back by its transpose.
-
-    Takes position and momentum ``(2 d, p)`` and states ``(J, d p)``, and returns both after the
-    last step. They are added to `given`, ``(n, .., p)``, on which T acts; the values of T are added
-    to `found`.
-    """
-    n, _, p = found.shape
-    first = len(end)
-    width = states.shape[1]
-    give, take = maps.response, maps.intake
-    if back:
-        give, take = take.swapaxes(1, 2), give.swapaxes(1, 2)
-    # np.dot is the quickest product of small matrices
-    for index in reversed(range(n)) if back else range(n):
-        which, on, values = maps.which[index], given[index], found[index]
-        whole = maps.by_state[index].T if back else maps.by_state[index]
-        on[:first] += end
-        on[first:] += np.dot(give[which], states).reshape(-1, p)
-        values += np.dot(whole, on)
-        end = values[:first]
-        states = maps.decay[which] * states
-        states += np.dot(take[which], values[first:].reshape(-1, width))
-    return end, states

@@ -10,26 +10,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from fvi_cli.effects.damping import MatrixForce
-from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece, formula_of
+from fvi_cli.effects.forcing import ForceComponent, formula_of
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.balances import loads_along
-from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
-from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.observe.request import Observations
-from fvi_cli.mathematics.algebra.builder import derivatives
-from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression
 
 DIFFERENCE = float(np.cbrt(np.finfo(float).eps))
 """Difference of a parameter of a function, relative to its size: h^2 is as large as eps / h."""
@@ -54,9 +47,9 @@ class Parameter:
     name: str  # in messages
     rates: Mapping[str, Array]
 
-    def of(self, number: str) -> Any:
-        """The rate of one number."""
-        return self.rates.get(number, 0.0)
+    def of(self, number: str, *shape: int) -> Array:
+        """The rate of one number of a shape."""
+        return np.zeros(shape) + self.rates.get(number, 0.0)
 
     def under(self, prefix: str) -> dict[str, Any]:
         """The rates of all numbers whose names begin with a prefix, by the rest of the name."""
@@ -76,27 +69,24 @@ class Entry:
     def indices(self) -> list[tuple[int, ...]]:
         """Indices of the parts, for a symmetric matrix on and above the diagonal."""
         every = np.ndindex(*self.value.shape)
-        return [at for at in every if not self._is_symmetric or at[0] <= at[1]]
+        return [at for at in every if at <= self._mirrored(at)]
 
-    @property
-    def _is_symmetric(self) -> bool:
-        return self.value.ndim == 2 and not self.name.endswith("masses")
+    def _mirrored(self, index: tuple[int, ...]) -> tuple[int, ...]:
+        """The index of the equal part of a symmetric matrix, else the same."""
+        return index if self.name.endswith("masses") else index[::-1]
 
     def parameter(self, index: tuple[int, ...]) -> Parameter:
-        """The parameter that moves the part at an index."""
+        """The parameter that moves the part at an index, and its mirror image, by 1 together."""
         rate = np.zeros(self.value.shape)
-        rate[index] = 1.0
-        if self._is_symmetric:
-            rate[index[::-1]] = 1.0
+        rate[index] += 0.5
+        rate[self._mirrored(index)] += 0.5
         return Parameter(name=self.name, rates=dict.fromkeys(self.moved, rate))
 
     def gathered(self, derivatives: Sequence[float]) -> Array:
         """The derivative G in the shape of the value: the change is ``sum(G * dvalue)``."""
         found = np.zeros(self.value.shape)
         for index, one in zip(self.indices, derivatives, strict=True):
-            found[index] = one
-            if self._is_symmetric and index[0] != index[1]:
-                found[index] = found[index[::-1]] = 0.5 * one
+            found[index] = found[self._mirrored(index)] = one
         return found
 
 
@@ -108,7 +98,7 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
     ``laws.<k>.size``, ``.spring``, ``.coefficient`` and the numbers of its kernel,
     ``initial_position``, ``initial_velocity``, ``forcing.<piece>.<component>.<parameter>``.
     """
-    kind, own = _energy(scene)
+    kind, own = energy_of(scene)
     found: dict[str, Any] = {} if kind == "lagrangian" else {"mass": scene.inertia.mass}
     form = own.form if isinstance(own, QuadraticPotential) else getattr(own, "stiffness", None)
     if form is not None:
@@ -122,15 +112,14 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
         found |= {f"laws.{k}.{name}": o for name, o in (parts | vars(law.kernel)).items()}
     found |= {name: getattr(scene, name) for name in ("initial_position", "initial_velocity")}
     found |= {f"names.{name}": one for name, one in (names.parameters if names else {}).items()}
-    for prefix, forcing in _forcings(scene, names).items():
-        for place, one in _components(forcing, prefix):
-            formula = formula_of(one)
-            found |= {f"{place}.{name}": v for name, v in (formula.constants if formula else ())}
-            # a prime marks what has no name for users
-            if isinstance(one, SampledForce):
-                found[f"{place}.coefficients'"] = one.coefficients
-            if isinstance(one, FunctionForce):
-                found[f"{place}.factor'"] = one.factor
+    for place, one in _components(scene, names):
+        formula = formula_of(one)
+        found |= {f"{place}.{name}": v for name, v in (formula.constants if formula else ())}
+        # a prime marks what has no name for users
+        if isinstance(one, SampledForce):
+            found[f"{place}.coefficients'"] = one.coefficients
+        if isinstance(one, FunctionForce):
+            found[f"{place}.factor'"] = one.factor
     return {name: np.array(one, dtype=float) for name, one in found.items()}
 
 
@@ -184,67 +173,40 @@ def parameter_of(
 
 def _form(scene: Scene, names: Observations) -> tuple[object, ...]:
     """What must be the same in scenes that differ in numbers with names only."""
-    _, own = _energy(scene)
-    found: list[object] = [scene.derivative, [type(law.kernel) for law in scene.laws]]
+    _, own = energy_of(scene)
+    found: list[object] = [scene.derivative, *(type(law.kernel) for law in scene.laws)]
     found += [getattr(own, part, None) for part in ("value", "gradient_system", "functions")]
+    found += scene.break_points
     if scene.prescribed:
         found += [one.text for one in scene.prescribed.displacement.components]
-    for prefix, forcing in _forcings(scene, names).items():
-        found += [piece.until for piece in forcing.pieces] if forcing else [None]
-        for _, one in _components(forcing, prefix):
-            formula = formula_of(one)
-            knots = one.knots.tobytes() if isinstance(one, SampledForce) else b""
-            found += [formula and formula.system, type(one), getattr(one, "function", None), knots]
+    for place, one in _components(scene, names):
+        formula = formula_of(one)
+        knots = one.knots.tobytes() if isinstance(one, SampledForce) else b""
+        found += [place, formula and formula.system, getattr(one, "function", None), knots]
     return (*found, {name: one.shape for name, one in numbers_of(scene, names).items()})
 
 
-def _energy(scene: Scene) -> tuple[str, Any]:
+def energy_of(scene: Scene) -> tuple[str, Any]:
+    """The Lagrangian of a scene, else its potential, with the beginning of the names of numbers."""
     if scene.lagrangian is not None:
         return "lagrangian", scene.lagrangian
     return "potential", scene.potential
 
 
-def _forcings(scene: Scene, names: Observations | None) -> dict[str, Forcing | None]:
+def _components(scene: Scene, names: Observations | None) -> Iterator[tuple[str, ForceComponent]]:
+    """Components of the forcing and of inputs in expressions, with the beginning of their names."""
     inputs = {} if names is None else names.inputs
-    return {"forcing": scene.forcing} | {f"inputs.{name}": one for name, one in inputs.items()}
-
-
-def _components(forcing: Forcing | None, prefix: str) -> Iterator[tuple[str, ForceComponent]]:
-    for number, piece in enumerate(forcing.pieces if forcing else ()):
-        for index, component in enumerate(piece.components):
-            yield f"{prefix}.{number}.{index}", component
-
-
-def objection(scene: Scene, one: Parameter, *, of_forces: bool = False) -> str:
-    """Why numbers of a scene, or of its forces, have no derivative by a parameter; often empty."""
-    if scene.derivative == "caputo":
-        return ""
-    orders = [term.order for term in scene.active_damping]
-    above, moves_velocity = max(orders, default=0.0) > 1.0, np.any(one.of("initial_velocity"))
-    if np.any(one.of("initial_position")) and (above or scene.laws):
-        return (
-            f"{one.name}: a position that is not 0 at the start gives Riemann-Liouville "
-            "derivatives above order 1, and laws beside them, a force that is not integrable"
-        )
-    if of_forces and above and (moves_velocity or scene.initial_velocity.any()):
-        return (
-            f"{one.name}: forces of Riemann-Liouville derivatives above order 1 with a start "
-            "velocity keep an error of the first step; use caputo"
-        )
-    at_one = [k for k, term in enumerate(scene.damping) if term.is_integer_order]
-    start = (*scene.initial_position, *scene.initial_velocity)
-    if any(start) and any(one.of(f"damping.{k}.order") for k in at_one):
-        return f"{one.name}: Riemann-Liouville derivatives jump where an order passes 1"
-    return ""
-
-
-# --- the rule of order four ---
+    every = {"forcing": scene.forcing} | {f"inputs.{name}": one for name, one in inputs.items()}
+    for prefix, forcing in every.items():
+        for number, piece in enumerate(forcing.pieces if forcing else ()):
+            for index, component in enumerate(piece.components):
+                yield f"{prefix}.{number}.{index}", component
 
 
 def moved(scene: Scene, numbers: Mapping[str, Array]) -> Scene:
     """The scene with other values of numbers outside of its formulas."""
     for name, value in numbers.items():
-        kind, own = _energy(scene)
+        kind, own = energy_of(scene)
         if name == "mass":
             scene = replace(scene, inertia=Inertia(mass=value))
         elif isinstance(own, QuadraticPotential) and name == "stiffness":
@@ -299,6 +261,10 @@ def rule_of(
         step = SPACING / max(float(np.max(np.abs(r) / s)) for r, s in pairs)
         at_one = [r for name, r in chosen.items() if name.endswith("order") and numbers[name] == 1]
         rule, step = (BELOW, step * float(np.sign(at_one[0]))) if at_one else (CENTRAL, step)
+        if at_one and scene.derivative != "caputo" and scene.initial_position.any():
+            raise ValueError(
+                f"{one.name}: Riemann-Liouville derivatives jump where an order passes 1"
+            )
         if all(name.startswith("laws.") and name.endswith(MODULI) for name in chosen):
             rule = LINEAR
         rules[place] = len(scenes), rule, step
@@ -324,132 +290,3 @@ def _size(name: str, value: Array) -> Array | float:
     if name.endswith("order"):
         return min(float(one) for one in (size, 2.0 - size, abs(1.0 - size)) if one > 0.0)
     return np.asarray(size) if name.endswith("masses") else float(size.max()) or 1.0
-
-
-# --- what parameters change while the motion is held fixed ---
-
-MEMORY = ("damping.", "laws.", "initial_velocity")
-"""Kinds of numbers on which the damping force at fixed motion depends."""
-
-
-def disturbance(run: LinearisedRun, parameters: Sequence[Parameter]) -> Disturbance:
-    """Effect of parameters on the equations of a run."""
-    scene, steps = run.scene, run.steps
-    points = (steps.stage_position, steps.velocity, steps.stage_time)
-    start = (scene.initial_position, scene.initial_velocity, np.zeros(()))
-    at = scene.derivatives(*(np.asarray(part)[None] for part in start))
-    shape = len(parameters), steps.n_steps, run.tables.degree + 1, run.d
-    loads, (position, impulse) = np.zeros(shape), np.zeros((2, len(parameters), run.d))
-    for k, one in enumerate(parameters):
-        loads[k] = run.loads_by(*_by_conservative(scene, one, *points))
-        if (forcing := rate_of_forcing(scene.forcing, one, "forcing")) is not None:
-            loads[k] += _loads_of(run, replace(scene, forcing=forcing), "of_forcing")
-        position[k] = one.of("initial_position")
-        velocity = np.zeros(run.d) + one.of("initial_velocity")
-        impulse[k] = at.mass[0] @ velocity + at.mixed[0] @ position[k]
-        impulse[k] += _by_conservative(scene, one, *start)[0]
-
-    def damping(scenes: list[Scene]) -> Array:
-        return np.array(run.forces_of(scenes, steps.velocity))
-
-    def initial(scenes: list[Scene]) -> Array:
-        return np.array([_loads_of(run, one, "of_initial_data") for one in scenes])
-
-    force = np.zeros((len(parameters), *steps.velocity.shape))
-    force -= by_rule(scene, parameters, MEMORY, damping)
-    loads += run.loads_by(np.zeros_like(force), force)
-    if scene.derivative != "caputo":
-        loads += by_rule(scene, parameters, ("damping.", "initial_"), initial)
-    return Disturbance(loads, position, impulse)
-
-
-def _loads_of(run: LinearisedRun, scene: Scene, part: str) -> Array:
-    """Load vectors of all steps of a run by the forces of a scene, ``(n, s + 1, d)``."""
-    steps = run.steps
-    of_steps = getattr(StepLoads(scene, run.method, steps.tables), part)
-    found = loads_along(of_steps, steps, scene.break_points)
-    zero = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
-    return zero if found is None else found
-
-
-def _by_conservative(
-    scene: Scene, one: Parameter, x: Array, v: Array, time: Array
-) -> tuple[Array, Array]:
-    """Derivatives of momenta and conservative forces, ``(..., d)`` both."""
-    d, (kind, own) = scene.dimension, _energy(scene)
-    mass, stiffness = (np.zeros((d, d)) + one.of(name) for name in ("mass", "stiffness"))
-    momentum, force = v @ mass, -x @ stiffness
-    if not (rates := one.under(f"{kind}.")):
-        return momentum, force
-    if kind == "lagrangian":
-        system, values = _rate_of(own.first, own.parameters, rates)
-        found = own.evaluate(system, x, v, time, values)
-        return momentum + found[..., :d], force + found[..., d:]
-    system, values = _rate_of(own.gradient_system, own.parameters, rates)
-    for index, value in enumerate(own.evaluate(system, x, values)):
-        force[..., index] -= value
-    return momentum, force
-
-
-def rate_of_remainder(
-    scene: Scene, one: Parameter, x: Array, v: Array, a: Array, time: Array
-) -> Array:
-    r"""Derivative of :math:`\partial_q L - \frac{d}{dt} \partial_v L` by names in formulas.
-
-    Along a motion, with its accelerations; ``(n, d)``.
-    """
-    own = scene.lagrangian
-    if own is None:
-        by_names = replace(
-            one, rates={f"potential.{k}": r for k, r in one.under("potential.").items()}
-        )
-        return _by_conservative(scene, by_names, x, v, time)[1]
-    system, values = _rate_of(own.imbalance, own.parameters, one.under("lagrangian."))
-    found = own.evaluate(system, x, v, time, values, a)
-    return np.asarray(found[..., : own.dimension] - found[..., own.dimension :])
-
-
-def rate_of_forcing(forcing: Forcing | None, one: Parameter, prefix: str) -> Forcing | None:
-    """Derivative of a forcing; None if it is zero."""
-    if forcing is None or not one.under(f"{prefix}."):
-        return None
-    every = _components(forcing, prefix)
-    rates = iter([_rate_of_component(own, one.under(f"{place}.")) for place, own in every])
-    pieces = [
-        ForcingPiece(components=tuple(next(rates) for _ in piece.components), until=piece.until)
-        for piece in forcing.pieces
-    ]
-    return Forcing(pieces=tuple(pieces))
-
-
-def _rate_of_component(component: ForceComponent, rates: Mapping[str, Any]) -> ForceComponent:
-    formula, changed = formula_of(component), None
-    if formula is not None and rates:
-        system, values = _rate_of(formula.system, dict(formula.constants), rates)
-        known = tuple(sorted(values.items()))
-        changed = Expression("the derivative of a force", ("t",), known, system=system)
-    if isinstance(component, SampledForce) and rates:
-        own = np.zeros_like(component.coefficients) + rates.get("coefficients'", 0.0)
-        return replace(component, coefficients=own, formula=changed)
-    if isinstance(component, FunctionForce) and rates:
-        return replace(component, factor=float(rates.get("factor'", 0.0)), formula=changed)
-    return changed or _ZERO
-
-
-_ZERO = Expression.parse("0", variables=("t",))
-
-
-def _rate_of(
-    system: FormulaSystem, parameters: Mapping[str, Any], rates: Mapping[str, Any]
-) -> tuple[FormulaSystem, dict[str, Any]]:
-    """The derivative of all outputs of a program, and the values of its names."""
-    names = tuple(sorted(set(rates).intersection(system.names)))
-    return _rate_system(system, names), {
-        **parameters,
-        **{f"d{name}'": float(rates[name]) for name in names},
-    }
-
-
-@lru_cache(maxsize=256)
-def _rate_system(system: FormulaSystem, names: tuple[str, ...]) -> FormulaSystem:
-    return derivatives(system, [{name: f"d{name}'" for name in names}])[len(system.outputs) :]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,13 +16,7 @@ from fvi_cli.mathematics.expressions import Expression
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Quantity:
-    r"""The value of an expression y at one time, or half the sum of squares of (y - data) / sigma.
-
-    Raises
-    ------
-    ValueError
-        For times that are not finite numbers in one row.
-    """
+    r"""An expression y at one time, or half the sum of squares of (y - data) / sigma."""
 
     # in t, coordinates, ``v<name>``, ``a<name>``, ``d<name>``, ``force_1`` and ``deformation_1`` of
     # dampers, or the name of a quantity of an experiment; or a prefix and a coordinate's number
@@ -31,12 +24,6 @@ class Quantity:
     times: Array  # (n,); values inside a step come from its polynomial
     data: Array | None = None  # None: the value at the one time
     deviation: float = 1.0  # sigma
-
-    def __post_init__(self) -> None:
-        times = np.atleast_1d(np.array(self.times, dtype=float))
-        if times.ndim != 1 or not times.size or not np.isfinite(times).all():
-            raise ValueError("times: finite numbers are needed, at least one")
-        object.__setattr__(self, "times", times)
 
     def value(self, values: Array) -> float:
         """The number, from values of the expression ``(n,)``."""
@@ -58,34 +45,22 @@ class Quantity:
         ValueError
             For names that are not known, or have no derivative.
         """
-        text = self._text(request.coordinates)
-        quantities = request.quantities or {}
+        dampers, text = damper_values(scene), self.of
+        if not isinstance(text, str):
+            known = {where: name for name, where in request.derived.items()}
+            if text not in known:
+                raise ValueError(f"component: {text[1]} is not one of 0 to {scene.dimension - 1}")
+            text = known[text]
         names = known_names(request.coordinates, (*request.parameters, *request.inputs))
-        dampers = damper_values(scene)
-        try:
-            every = tuple(dict.fromkeys((*names, *dampers, *request.ready)))
-            parsed = quantities.get(text) or Expression.parse(text, variables=every)
-            found = parsed.expand(request.ready)
-        except ValueError as error:
-            others = f"; quantities: {', '.join(quantities)}" if quantities else ""
-            raise ValueError(f"quantity: {error}{others}") from None
+        every = tuple(dict.fromkeys((*names, *dampers, *request.ready)))
+        parsed = request.quantities.get(text) or Expression.parse(text, variables=every)
+        found = parsed.expand(request.ready)
         for name in sorted(found.names.difference(names)):
             if dampers[name].kind == "work":
                 raise ValueError(
                     f"quantity: {name} adds up from the beginning of the run, and has no "
                     "derivative here"
                 )
-        return found
-
-    def _text(self, coordinates: Sequence[str]) -> str:
-        if isinstance(self.of, str):
-            return self.of
-        prefix, component = self.of
-        if not 0 <= component < len(coordinates):
-            raise ValueError(f"component: {component} is not one of 0 to {len(coordinates) - 1}")
-        found = prefix + coordinates[component]
-        if prefix and found in coordinates:
-            raise ValueError(f"quantity: {found} is itself a coordinate")
         return found
 
 
@@ -123,7 +98,7 @@ def misfit(
     """
     return Quantity(
         of=of or ("", component),
-        times=np.asarray(times, dtype=float),
+        times=np.atleast_1d(np.asarray(times, dtype=float)),
         data=np.asarray(data, dtype=float),
         deviation=deviation,
     )

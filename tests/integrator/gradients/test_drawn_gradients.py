@@ -11,7 +11,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import run_steps
-from fvi_cli.integrator.gradients.linearised import LinearisedRun, Maps
+from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun, Maps
 from fvi_cli.integrator.gradients.parameters import entries_of
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh, graded_mesh, uniform_mesh
@@ -130,12 +130,12 @@ def test_drawn_scenes(seed):
 
 @pytest.mark.parametrize("seed", [seed for seed in range(8) if drawn(seed)[0].active_forces])
 def test_without_the_past_it_would_fail(seed, monkeypatch):
-    """The control: the adjoint with states that forget what drove them."""
+    """The control: the tangent with states that forget what drove them."""
     scene, method, mesh = drawn(seed)
     run = LinearisedRun(scene, method, run_steps(scene, method, mesh))
-    ones, rest = np.ones_like(run.steps.position), np.zeros_like(run.steps.velocity)
-    none = np.zeros((len(run.coefficients), *rest.shape))
-    found = run.adjoint(ones, rest, none).position
+    n, d = mesh.n_steps, scene.dimension
+    pushed = Disturbance(np.zeros((1, n, method.degree + 1, d)), np.zeros((1, d)), np.ones((1, d)))
+    found = run.tangent(pushed).position[:, 1:]
     original = LinearisedRun._maps
 
     def forgetful(run: LinearisedRun, own: slice) -> Maps:
@@ -143,4 +143,4 @@ def test_without_the_past_it_would_fail(seed, monkeypatch):
         return maps._replace(intake=0.0 * maps.intake)
 
     monkeypatch.setattr(LinearisedRun, "_maps", forgetful)
-    assert np.abs(run.adjoint(ones, rest, none).position / found - 1.0).max() > 1e-5
+    assert np.abs(run.tangent(pushed).position[:, 1:] / found - 1.0).max() > 1e-5
