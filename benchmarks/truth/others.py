@@ -8,19 +8,20 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
-from scipy.optimize import brentq
+from scipy.signal import argrelmin
 
 import fvi_cli as fvi
 from benchmarks.truth.judging import Claim, Claims, Random, RefusedError, UnjudgedError
 from benchmarks.truth.motions import FIRST_DIGITS, refuse_what_is_said, repeat
 from benchmarks.truth.scenes import ORACLE_TOLERANCE, Array, draw_order, draw_units
-from tests.oracles import talbot
+from tests.oracles.contour import talbot_inverse
+from tests.oracles.impacts import LinearBounces
 from tests.oracles.ordinary import solve_ordinary
-from tests.oracles.volterra import VolterraSolution, solve_volterra
+from tests.oracles.volterra import solve_volterra
 
 N_TIMES = 2
-TALBOT_DEGREE = 60
 
 
 def laws(random: Random, words: list[str]) -> Claims:
@@ -36,20 +37,24 @@ def laws(random: Random, words: list[str]) -> Claims:
     is_pendulum = random.random() < 0.4
     if is_pendulum:
         kind, relaxed = "prony", 0.0
-    entry, law = {
-        "zener": (
-            {"order": order, "time": rest * tau, "relaxed": relaxed, "unrelaxed": relaxed + size},
-            talbot.zener(order, rest, relaxed, relaxed + size),
-        ),
-        "maxwell": (
-            {"order": order, "time": rest * tau, "modulus": size},
-            talbot.maxwell(order, rest, size),
-        ),
-        "prony": (
-            {"relaxed": relaxed, "moduli": moduli, "times": [t * tau for t in times]},
-            talbot.prony(moduli, times, relaxed),
-        ),
+    cole = {"order": order, "time": rest * tau}
+    entry: dict[str, Any] = {
+        "zener": {**cole, "relaxed": relaxed, "unrelaxed": relaxed + size},
+        "maxwell": {**cole, "modulus": size},
+        "prony": {"relaxed": relaxed, "moduli": moduli, "times": [t * tau for t in times]},
     }[kind]
+
+    def rising(s: Any) -> Any:
+        """The modulus of the law beside its relaxed one."""
+        if kind == "prony":
+            return sum(g * s * time / (1 + s * time) for g, time in zip(moduli, times, strict=True))
+        power = (s * rest) ** mpmath.mpf(order)
+        return size * power / (1 + power)
+
+    def transform(s: Any) -> Any:
+        whole = rising(s) + (0.0 if kind == "maxwell" else relaxed)
+        return (s * x0 + v0 + x0 * rising(s) / s) / (s**2 + k + whole)
+
     plain = np.sort(random.uniform(0.05, 1, N_TIMES)) * span
     problem: dict[str, Any] = {
         "damping": [{"law": kind, **entry, "coefficient": stiff}],
@@ -69,8 +74,10 @@ def laws(random: Random, words: list[str]) -> Claims:
         text = f"{energy * (tau / length) ** 2 / 2!r}*vx**2 + {energy * k!r}*cos(x/{length!r})"
         problem |= {"kind": "lagrangian", "coordinates": ["x"], "lagrangian": text}
     else:
-        x, v = talbot.linear_response(
-            1, k, [], x0, v0, plain.tolist(), laws=[law], degree=TALBOT_DEGREE
+        most = math.sqrt(k + relaxed + size + sum(moduli))
+        x, v = (
+            talbot_inverse(one, plain.tolist(), largest_frequency=most)[:, None]
+            for one in (transform, lambda s: s * transform(s) - x0)
         )
         problem |= {"kind": "damped-oscillator", "mass": stiff * tau**2, "stiffness": stiff * k}
     relative = float(10 ** random.uniform(-9, -3))
@@ -120,24 +127,22 @@ def impacts(random: Random, words: list[str]) -> Claims:
     derivative = "caputo" if is_caputo else "riemann-liouville"
     v0, x0 = float(random.normal()), floor + height
 
-    def solve(force: float, start: tuple[float, float], derivative: str) -> VolterraSolution:
-        # the spring acts from the floor on, where the motion is
-        return solve_volterra(
-            1,
-            [(order, mu)],
-            lambda x: k * x,
-            lambda x: np.full((len(x), 1, 1), k),
-            lambda t: np.full((t.size, 1), force),
-            *start,
-            span,
+    try:
+        model = LinearBounces(
+            order=order,
+            coefficient=mu,
+            stiffness=k,
+            gravity=gravity,
+            start=x0,
+            speed=v0,
+            final_time=span,
+            floor=floor,
+            lift=lift,
+            rate=pace,
+            restitution=bounce,
             derivative=derivative,
             tolerance=ORACLE_TOLERANCE,
-            n_nodes=9,
         )
-
-    try:
-        free = solve(-gravity, (x0, v0), derivative)
-        push = solve(0.0, (0.0, 1.0), "riemann-liouville")
     except ArithmeticError as error:
         raise UnjudgedError(str(error)) from error
     steps = int(random.integers(100, 200))
@@ -177,57 +182,33 @@ def impacts(random: Random, words: list[str]) -> Claims:
     if observed is None:
         raise RefusedError("nothing observed")
     found = observed.events["floor"].time / tau
-    true = _impacts(free, push, floor, (lift, pace), bounce, span)
+    true = _impacts(model)
     yield Claim("number of impacts", float(found.size), float(len(true)), 0.5)
     if found.size == len(true):
         for n, (one, other) in enumerate(zip(found.tolist(), true, strict=True)):
             yield Claim(f"impact {n + 1} (time without unit)", one, other, FIRST_DIGITS * span)
 
 
-def _impacts(
-    free: VolterraSolution,
-    push: VolterraSolution,
-    floor: float,
-    moving: tuple[float, float],
-    bounce: float,
-    span: float,
-) -> list[float]:
-    """Times of impacts: every one adds a push to the motion before it."""
-    lift, pace = moving
-    found: list[tuple[float, float]] = []
-
-    def gap(times: Array) -> Array:
-        total = free.position(times)[:, 0] - floor - lift * np.sin(pace * times)
-        for time, size in found:
-            total = total + size * push.position(np.maximum(times - time, 0.0))[:, 0]
-        return np.asarray(total)
-
-    def rate(time: float) -> float:
-        total = free.velocity([time])[0, 0] - lift * pace * math.cos(pace * time)
-        total += sum(size * push.velocity([time - t])[0, 0] for t, size in found)
-        return float(total)
-
-    start = 0.0
+def _impacts(model: LinearBounces) -> list[float]:
+    """Times of impacts; unjudged where one is a near thing."""
+    start, span = 0.0, model.final_time
     while True:
         # a step behind the last impact the gap is open again, or the flight is too short
         times = np.linspace(start, span, 3001)[1:]
-        values = gap(times)
+        values = model.gap(times)
         if values[0] <= 0:
             raise UnjudgedError("flights too short")
         below = np.flatnonzero(values <= 0)
         n = int(below[0]) if below.size else times.size
-        turns = values[1 : n - 1]
-        low = (turns <= values[: n - 2]) & (turns <= values[2:n]) if n > 2 else np.zeros(0, bool)
-        if np.any(turns[low[: turns.size]] < 0.01) or (n == times.size and values[-1] < 0.01):
+        turns = argrelmin(values[:n])[0]
+        if np.any(values[turns] < 0.01) or (n == times.size and values[-1] < 0.01):
             raise UnjudgedError("nearly an impact")
         if n == times.size:
-            return [time for time, _ in found]
-        time = float(brentq(lambda t: gap(np.array([t]))[0], times[n - 1], times[n], xtol=1e-14))
-        speed = rate(time)
-        if speed > -0.05 or time > 0.98 * span or len(found) > 15:
+            return [time for time, _ in model.pushes]
+        start, _ = model.strike(times[n - 1], times[n])
+        push = model.pushes[-1][1]
+        if push < 0.05 * (1 + model.restitution) or start > 0.98 * span or len(model.pushes) > 15:
             raise UnjudgedError("a soft impact, or one at the end")
-        found.append((time, -(1 + bounce) * speed))
-        start = time
 
 
 def fit(random: Random, words: list[str]) -> Claims:

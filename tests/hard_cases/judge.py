@@ -22,10 +22,7 @@ from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.members import with_values
-from tests.oracles.characteristic import characteristic_zeros
-from tests.oracles.linear_response import match_scene
-from tests.oracles.memory_work import Array, fractional_integral, work_along
-from tests.oracles.relaxation import LinearResponse, product
+from tests.oracles.linear_response import Array, match_scene
 
 FLAGSHIP = "Gauss3"
 """The method for which all claims hold."""
@@ -38,7 +35,7 @@ METHODS: Mapping[str, Method] = {
     },
     **{f"BDF{p} (nodes)": Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in range(1, 7)},
 }
-OPTIONS = ("parts", "time", "units", "hanging")
+OPTIONS = ("time", "units")
 """Keys of a claim that are keywords of its judge."""
 
 
@@ -163,43 +160,28 @@ Settings = Sequence[Setting]
 
 @functools.lru_cache(maxsize=512)
 def exact_positions(setting: Setting, at: tuple[float, ...]) -> Array:
-    """By a number or formula, a problem with the same solution, a frequency, or the scene."""
+    """By a number or formula, a problem with the same solution, or the scene."""
     truth, time = json.loads(setting.truth), np.array(at)
-    if isinstance(truth, Mapping) and "frequency" in truth:
-        (term,) = setting.scene.damping
-        found = response_from_rest(term.order, float(term.matrix[0, 0]), truth["frequency"])
-        return found(time)[:, None]
     if truth is None or isinstance(truth, Mapping):
-        solution = match_scene(build_scene(truth) if truth else setting.scene)
-        assert solution is not None
-        return solution.position(time)
+        return match_scene(build_scene(truth) if truth else setting.scene).position(time)
     values = Expression.parse(truth, variables=("t",)).evaluate({"t": time})
     return np.broadcast_to(np.asarray(values, dtype=float), time.shape)[:, None]
 
 
-@functools.cache
-def response_from_rest(order: float, coefficient: float, frequency: float) -> LinearResponse:
-    r"""Solution of :math:`x'' + \mu D^\gamma x + x = \cos \omega t` from rest."""
-    below = product({2.0: 1.0, order: coefficient, 0.0: 1.0}, {2.0: 1.0, 0.0: frequency**2})
-    whole = tuple(sorted(below.items(), reverse=True))
-    zeros = characteristic_zeros(whole)
-    return LinearResponse(terms=whole, inputs=((0.0, {1.0: 1.0}),), zeros=zeros)
-
-
-def errors(setting: Setting, run: Any, parts: int = 0) -> tuple[Array, Array]:
-    """Differences from the exact positions at the points, or at the ends of equal parts; these."""
-    shown = run.n_steps * np.arange((parts or run.n_steps) + 1) // (parts or run.n_steps)
-    exact = exact_positions(setting, tuple((run.step_size * shown).tolist()))
-    return run.position[shown] - exact, exact
+def errors(setting: Setting, run: Any) -> tuple[Array, Array]:
+    """Differences from the exact positions, and these."""
+    times = run.step_size * np.arange(run.n_steps + 1)
+    exact = exact_positions(setting, tuple(times.tolist()))
+    return run.position - exact, exact
 
 
 def largest_ratio(difference: Array, scale: Array) -> float:
     return float(np.abs(difference).max() / np.abs(scale).max())
 
 
-def error(settings: Settings, *runs: Any, parts: int = 0) -> float:
+def error(settings: Settings, *runs: Any) -> float:
     """Largest error over the largest exact position."""
-    return max(largest_ratio(*errors(s, r, parts)) for s, r in zip(settings, runs, strict=True))
+    return max(largest_ratio(*errors(s, r)) for s, r in zip(settings, runs, strict=True))
 
 
 def error_over_step(settings: Settings, *runs: Any) -> float:
@@ -227,11 +209,6 @@ def error_of_difference(settings: Settings, first: Any, second: Any) -> float:
     return largest_ratio(second.position - first.position - exact, exact)
 
 
-def distance(settings: Settings, first: Any, second: Any) -> float:
-    """Largest difference of the positions of two runs."""
-    return float(np.abs(first.position - second.position).max())
-
-
 def energy_gain(settings: Settings, *runs: Any) -> float:
     """The largest energy over the energy at the start, less 1."""
     return max(float(run.energy.max() / run.energy[0] - 1.0) for run in runs)
@@ -242,17 +219,6 @@ def energy_change(settings: Settings, run: Any) -> float:
     return largest_ratio(run.energy - run.energy[0], run.energy[:1])
 
 
-def energy_defect(settings: Settings, run: Any, *, hanging: float) -> float:
-    r"""Largest :math:`|E(t) + W(t) - E(0)|` over :math:`E(0)` above `hanging`, that at rest."""
-    scene, energy = settings[0].scene, run.energy
-    velocity = scene.lagrangian.velocity(run.position, run.momentum, run.time)
-    force = np.zeros_like(velocity)
-    for term in scene.active_damping:
-        force += fractional_integral(1.0 - term.order, run.step_size, velocity) @ term.matrix
-    work = work_along(force, velocity, run.step_size)
-    return float(np.abs(energy + work - energy[0]).max() / (energy[0] - hanging))
-
-
 def called_unstable(settings: Settings, *predictions: StabilityPrediction) -> float:
     """How many runs are predicted to be unstable."""
     return sum(prediction.verdict == "unstable" for prediction in predictions)
@@ -261,8 +227,8 @@ def called_unstable(settings: Settings, *predictions: StabilityPrediction) -> fl
 JUDGES: Mapping[str, Callable[..., float]] = {
     one.__name__: one
     for one in (
-        *(error, error_over_step, error_at, difference, error_of_difference, distance),
-        *(energy_gain, energy_change, energy_defect, called_unstable),
+        *(error, error_over_step, error_at, difference, error_of_difference),
+        *(energy_gain, energy_change, called_unstable),
     )
 }
 

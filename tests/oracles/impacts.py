@@ -121,7 +121,7 @@ def ordinary_bounces(
         if t - last < shortest:
             found.end = last
             break
-        index = next(k for k, times in enumerate(run.t_events) if times.size)
+        index = next(k for k, times in enumerate(run.t_events or ()) if times.size)
         wall, last = walls[index], t
         normal, rate = wall.slopes(t, state[:d])
         speed = normal @ state[d:] + rate
@@ -152,6 +152,8 @@ class LinearBounces:
     rate: float = 1.0
     restitution: float = 1.0
     speed: float = 0.0
+    derivative: str = "caputo"
+    tolerance: float = 1e-12
     pushes: list[tuple[float, float]] = field(default_factory=list)
 
     def __post_init__(self) -> None:
@@ -168,10 +170,10 @@ class LinearBounces:
                 v,
                 self.final_time,
                 derivative=derivative,
-                tolerance=1e-12,
+                tolerance=self.tolerance,
             )
 
-        self._free = solve(self.start, self.speed, -g, "caputo")
+        self._free = solve(self.start, self.speed, -g, self.derivative)
         self._response = solve(0.0, 1.0, 0.0, "riemann-liouville")
 
     def motion(self, t: Array | float) -> tuple[Array, Array]:
@@ -185,20 +187,27 @@ class LinearBounces:
                 v[later] += push * self._response.velocity(times[later] - at)[:, 0]
         return x, v
 
-    def gap(self, t: float) -> float:
+    def gap(self, t: Array) -> Array:
         """Height above the floor."""
-        return float(self.motion(t)[0][0]) - self.floor - self.lift * math.sin(self.rate * t)
+        return self.motion(t)[0] - self.floor - self.lift * np.sin(self.rate * t)
+
+    def strike(self, before: float, behind: float) -> tuple[float, float]:
+        """The impact between two times: its time, and the velocity before it."""
+        at = float(
+            brentq(lambda t: self.gap(np.array([t]))[0], before, behind, xtol=1e-15, rtol=1e-14)
+        )
+        speed = float(self.motion(at)[1][0])
+        floor = self.lift * self.rate * math.cos(self.rate * at)
+        self.pushes.append((at, -(1 + self.restitution) * (speed - floor)))
+        return at, speed
 
     def bounce(self, count: int, stride: float) -> tuple[Array, Array]:
         """Times of the next impacts, and velocities before them."""
         found = []
         for _ in range(count):
             t = self.pushes[-1][0] + 0.01 * stride if self.pushes else 0.01 * stride
-            while self.gap(t + stride) > 0:
+            while self.gap(np.array([t + stride]))[0] > 0:
                 t += stride
-            at = float(brentq(self.gap, t, t + stride, xtol=1e-15, rtol=1e-14))
-            v = float(self.motion(at)[1][0])
-            floor = self.lift * self.rate * math.cos(self.rate * at)
-            self.pushes.append((at, -(1 + self.restitution) * (v - floor)))
-            found.append((at, v))
-        return np.array(found).T
+            found.append(self.strike(t, t + stride))
+        times, speeds = np.array(found).T
+        return times, speeds

@@ -19,18 +19,12 @@ Acceleration = Callable[[float, Array, Array, Array], ArrayLike]
 
 @dataclass(frozen=True, eq=False)
 class OrdinarySolution:
-    """Motion on [0, T], and how far one with a larger tolerance is from it.
-
-    Parameters
-    ----------
-    error, velocity_error
-        Largest differences for every component, shape ``(d,)``.
-    """
+    """Motion on [0, T], and how far the positions of one with a larger tolerance are from it."""
 
     pieces: tuple[tuple[float, Any], ...]
     dimension: int
     error: Array
-    velocity_error: Array
+    """Largest difference for every component, shape ``(d,)``."""
 
     def position(self, times: ArrayLike) -> Array:
         """Positions, shape ``(n, d)``."""
@@ -94,8 +88,6 @@ def solve_ordinary(
         return tuple(pieces)
 
     fine, coarse = solve(3e-14), solve(1e-12)
-    unknown = np.full(d, math.nan)
-    one, other = (OrdinarySolution(pieces, d, unknown, unknown) for pieces in (fine, coarse))
     times = np.linspace(0.0, final_time, 997)
-    apart = np.max(np.abs(one._state(times) - other._state(times)), axis=0)
-    return OrdinarySolution(fine, d, apart[:d], apart[d : 2 * d])
+    one, other = (OrdinarySolution(pieces, d, x).position(times) for pieces in (fine, coarse))
+    return OrdinarySolution(fine, d, np.max(np.abs(one - other), axis=0))

@@ -40,8 +40,8 @@ class VolterraSolution:
 
     Parameters
     ----------
-    error, velocity_error
-        Largest differences over the elements, for every component, shape ``(d,)``.
+    error
+        Largest difference of positions over the elements, for every component, shape ``(d,)``.
     """
 
     initial_position: Array
@@ -49,7 +49,6 @@ class VolterraSolution:
     series: Series
     elements: tuple[Element, ...]
     error: Array
-    velocity_error: Array
 
     def position(self, times: ArrayLike) -> Array:
         """Positions, shape ``(n, d)``."""
@@ -96,7 +95,6 @@ def solve_volterra(
     *,
     derivative: str = "caputo",
     breaks: Sequence[float] = (),
-    powers: Sequence[tuple[float, ArrayLike]] = (),
     tolerance: float = 1e-13,
     longest_step: float = math.inf,
     n_nodes: int = 10,
@@ -108,7 +106,7 @@ def solve_volterra(
     mass
         M, a number or shape ``(d, d)``.
     terms
-        Pairs of order in (0, 2] and C, a number or shape ``(d, d)``.
+        Pairs of order in (0, 2) and C, a number or shape ``(d, d)``.
     gradient, hessian
         Of V: ``(n, d)`` to ``(n, d)`` and ``(n, d, d)``; both or neither.
     force
@@ -116,8 +114,6 @@ def solve_volterra(
     derivative
         ``caputo`` (D acts on x - x0, and on x - x0 - v0 t for orders above 1) or
         ``riemann-liouville`` (on x; orders of 1 and more need x0 = 0).
-    powers
-        Pairs of an exponent p > -1 and a vector c: forces c t**p beside f.
     tolerance
         Of the last Legendre coefficients, in the scale of the velocity of each component.
     longest_step
@@ -130,17 +126,15 @@ def solve_volterra(
     """
     x, v = (np.atleast_1d(np.array(value, dtype=float)) for value in (x0, v0))
     d = x.size
-    matrices = [(float(order), _matrix(value, d)) for order, value in terms]
     problem = _Problem(
-        mass=_matrix(mass, d) + sum(c for order, c in matrices if order == 2),
-        terms=tuple((order, c) for order, c in matrices if order < 2),
+        mass=_matrix(mass, d),
+        terms=tuple((float(order), _matrix(value, d)) for order, value in terms),
         gradient=gradient or (lambda positions: np.zeros_like(positions)),
         hessian=hessian or (lambda positions: np.zeros((*positions.shape, d))),
         force=force or (lambda times: np.zeros((times.size, d))),
         position=x,
         velocity=v,
         ends=(*sorted({t for t in breaks if 0 < t < final_time}), final_time),
-        powers=tuple((p, np.broadcast_to(np.asarray(c, dtype=float), (d,))) for p, c in powers),
         is_caputo={"caputo": True, "riemann-liouville": False}[derivative],
         longest_step=longest_step,
     )
@@ -148,11 +142,8 @@ def solve_volterra(
     coarse = _solve(problem, n_nodes - 2, 10 * tolerance)
     places = np.linspace(0.05, 0.95, 4)
     times = np.concatenate([e.start + e.length * places for e in fine.elements])
-    differences = [
-        np.max(np.abs(a - b), axis=0)
-        for a, b in zip(fine._motion(times), coarse._motion(times), strict=True)
-    ]
-    return VolterraSolution(x, v, fine.series, fine.elements, *differences)
+    error = np.max(np.abs(fine.position(times) - coarse.position(times)), axis=0)
+    return VolterraSolution(x, v, fine.series, fine.elements, error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,13 +156,12 @@ class _Problem:
     position: Array
     velocity: Array
     ends: tuple[float, ...]
-    powers: tuple[tuple[float, Array], ...]
     is_caputo: bool
     longest_step: float
 
     def known_powers(self) -> list[tuple[float, Array]]:
         """Powers t**p with vectors c on the left side that do not depend on the acceleration."""
-        found = [(power, -vector) for power, vector in self.powers]
+        found = []
         for order, matrix in self.terms:
             if not self.is_caputo:
                 found.append((-order, rgamma(1 - order) * (matrix @ self.position)))
@@ -252,9 +242,8 @@ def _solve(problem: _Problem, n_nodes: int, tolerance: float) -> VolterraSolutio
             largest = np.maximum(largest, np.abs(velocity))
             step *= min(2.0, 0.8 * max(ratio, 1e-12) ** (-1 / (n_nodes - 1)))
         singular = time
-    unknown = np.full_like(position, math.nan)
-    start = problem.position, problem.velocity
-    return VolterraSolution(*start, series, tuple(elements), unknown, unknown)
+    start, unknown = (problem.position, problem.velocity), np.full_like(position, math.nan)
+    return VolterraSolution(*start, series, tuple(elements), unknown)
 
 
 @dataclass(frozen=True, eq=False)
