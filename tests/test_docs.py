@@ -12,7 +12,7 @@ from command_line import fvi as here
 from typer.testing import CliRunner
 
 from fvi_cli.cli.app import app
-from fvi_cli.config import configuration_reference, parse_config
+from fvi_cli.config import parse_config
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -28,13 +28,13 @@ COMMANDS = typer.main.get_command(app()).commands
 FENCED = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-def test_the_generated_reference_is_up_to_date():
+def test_the_generated_reference_is_up_to_date(monkeypatch):
     # if it is not: python docs/site/reference.py
+    monkeypatch.syspath_prepend(DOCS / "site")
     generated = runpy.run_path(str(DOCS / "site" / "reference.py"))["pages"]()
     assert len(generated) == 3
     for path, text in generated.items():
         assert PAGES[path.relative_to(DOCS).as_posix()] == text, path
-    assert PAGES["reference/configuration.md"] == configuration_reference()
 
 
 @pytest.mark.parametrize("page", sorted(WITH_README))

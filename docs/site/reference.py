@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import typer
+from keys import configuration_reference
 
 from fvi_cli.cli.app import app
 from fvi_cli.cli.command import COMMANDS
-from fvi_cli.config import configuration_reference
 from fvi_cli.storage.fields import AXES, FIELDS
 
 PAGES = Path(__file__).parents[1] / "reference"

@@ -1,10 +1,9 @@
 """Floor 6: YAML configurations, validated with file, line and column."""
 
 from fvi_cli.config.load import LoadedConfig, load_config, load_values, parse_config
-from fvi_cli.config.page import (
+from fvi_cli.config.schema import (
     MODELINE,
     SCHEMA_FILE,
-    configuration_reference,
     json_schema,
     schema_text,
     starter_config,
@@ -21,7 +20,6 @@ __all__ = [
     "MODELINE",
     "SCHEMA_FILE",
     "LoadedConfig",
-    "configuration_reference",
     "find_config",
     "guide_page",
     "guide_pages",

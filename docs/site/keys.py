@@ -1,28 +1,21 @@
-"""The keys as a JSON schema for editors and as a page, made from the models; starter files."""
+"""The page of all keys of a configuration, made from what checks them."""
 
 from __future__ import annotations
 
 import inspect
-import json
 from collections.abc import Iterator
-from pathlib import Path
 from types import UnionType
 from typing import Annotated, Any, Final, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BaseModel, TypeAdapter
+from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 
-from fvi_cli.config.models import ExperimentKeys, SeveralExperiments
-from fvi_cli.errors import RequestError, listed, suggestion
+from fvi_cli.config.models import ExperimentKeys
+from fvi_cli.errors import listed
 from fvi_cli.scenes.keys.mistakes import key_of
 from fvi_cli.scenes.keys.values import Formula, OneOrMany
-from fvi_cli.scenes.registry import KINDS
 
-SCHEMA_FILE: Final = "fvi.schema.json"
-"""Name of the schema file, beside a starter file."""
-MODELINE: Final = f"# yaml-language-server: $schema={SCHEMA_FILE}"
-"""The line at the top of a configuration by which editors find the schema."""
 _HEAD: Final = """# Configuration, key by key
 
 Made by `python docs/site/reference.py` from what checks configurations; for editors there is the
@@ -43,45 +36,6 @@ _WORDS: Final = {
     bool: "true, false",
     Any: "any value",
 }
-
-
-def json_schema() -> dict[str, Any]:
-    """JSON schema (draft 2020-12) of a configuration, for editors.
-
-    Every key has a description and its default. Only :func:`fvi_cli.config.parse_config` checks
-    combinations of keys.
-    """
-    references = "#/$defs/{model}"
-    single = TypeAdapter(ExperimentKeys).json_schema(ref_template=references)
-    several = SeveralExperiments.model_json_schema(ref_template=references)
-    several["properties"]["experiments"]["items"] = {"$ref": "#/$defs/Experiment"}
-    defs = {**single.pop("$defs"), "Experiment": single}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": "Configuration of fvi",
-        "if": {"required": ["experiments"]},
-        "then": several,
-        "else": {"$ref": "#/$defs/Experiment"},
-        "$defs": defs,
-    }
-
-
-def schema_text() -> str:
-    """The JSON schema as the text of a file."""
-    return json.dumps(json_schema(), indent=2) + "\n"
-
-
-def starter_config(kind: str, *, name: str | None = None) -> str:
-    """A commented, valid configuration of a kind of problem, to begin with.
-
-    The default name is ``my-<kind>``.
-    """
-    if kind not in KINDS:
-        words = f"{kind!r}: unknown kind of problem{suggestion(kind, KINDS)}"
-        raise RequestError(f"{words} (known: {listed(KINDS)})")
-    path = Path(__file__).parent / "starters" / f"{kind}.yaml"
-    text = path.read_text(encoding="utf-8")
-    return text if name is None else text.replace(f"name: my-{kind}", f"name: {name}")
 
 
 def configuration_reference() -> str:
