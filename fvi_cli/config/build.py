@@ -17,7 +17,7 @@ from fvi_cli.config.members import (
     resolved_members,
 )
 from fvi_cli.config.methods import methods_of
-from fvi_cli.config.models import LADDER, ExperimentKeys
+from fvi_cli.config.models import ExperimentKeys
 from fvi_cli.config.names import other_meanings, units_of, wrong_units
 from fvi_cli.config.observations import read_observations
 from fvi_cli.config.text.mistakes import Report
@@ -49,42 +49,38 @@ class Built:
 
 def build_experiment(
     keys: ExperimentKeys,
-    values: Mapping[str, Any],
     name: str,
     report: Report,
     context: Mapping[str, Any],
-    *,
-    base: Mapping[str, Any],
-    before: int,
+    given: Mapping[str, Any],
 ) -> Built | None:
     """The experiment of its keys; None, with mistakes in the report, where something is wrong.
 
-    `values` is the plain mapping that was read, with the problem of the first member in place of
-    that in the file, `base`; `context` that of the validation; `before` the number of mistakes
-    before this experiment.
+    The keys hold the problem of the first member; `given` is that in the file. `context` is that
+    of the validation.
     """
-    problem = _build_problem(keys.problem, report)
+    before = len(report)
+    try:
+        problem = keys.problem.build_problem()
+    except ValueError as error:
+        report.argument(error, "problem")
+        return None
     steps, grading = _ladder(keys, problem)
     entries = list(_methods(keys, report))
-    report.extend(_needs_ladder(values, problem))
-    report.extend(_wrong_cases(keys, [method for _, method in entries]))
-    for place, method in entries if problem is not None else ():
+    methods = [method for _, method in entries]
+    report.extend(_wrong_cases(keys, methods))
+    for place, method in entries:
         if words := _objection(problem, method):
             report.add(words, *place)
-    methods = [method for _, method in entries]
-    if problem is None:
-        report.extend(_wrong_grading(grading, steps, methods, ()))
-        return None
     report.extend(_wrong_steps(problem, methods, steps, grading))
-    accuracy = _accuracy(keys, problem, methods, report)
-    report.extend(_wrong_diagnostics(keys, problem))
+    accuracy = _accuracy(keys, methods, report)
     observed = read_observations(keys, problem, methods, report)
     report.extend(wrong_units(keys, problem, observed))
     template = plain(keys.problem)
     is_remarked = remark_on_factors(keys.problem, report)
     reading = Reading(
         keys=keys,
-        values=base["problem"],
+        values=given,
         template=template,
         dimension=problem.dimension,
         context=context,
@@ -96,7 +92,7 @@ def build_experiment(
         figures = report.under("figures")
         figures.extend(wrong_figures(keys.figures, problem, observed, members))
     fit = None
-    if keys.fit is not None:
+    if keys.fit is not None and isinstance(problem, Problem):
         folder, under = Path(context["folder"]), report.under("fit")
         quantities = observed.quantities or {}
         fit = fit_settings(keys.fit, template, problem, quantities, folder, under)
@@ -133,15 +129,7 @@ def build_experiment(
     return Built(experiment=experiment, resolved={"name": name, **resolved})
 
 
-def _build_problem(kind: Kind | None, report: Report) -> AnyProblem | None:
-    try:
-        return None if kind is None else kind.build_problem()
-    except ValueError as error:
-        report.argument(error, "problem")
-    return None
-
-
-def _ladder(keys: ExperimentKeys, problem: AnyProblem | None) -> tuple[tuple[int, ...], float]:
+def _ladder(keys: ExperimentKeys, problem: AnyProblem) -> tuple[tuple[int, ...], float]:
     """Numbers of steps and grading; without a ladder those of a given displacement."""
     if keys.ladder is not None:
         return keys.ladder.numbers, keys.ladder.grading or 1.0
@@ -169,22 +157,11 @@ def _methods(keys: ExperimentKeys, report: Report) -> Iterator[tuple[KeyPath, An
         yield place, method
 
 
-def _needs_ladder(values: Mapping[str, Any], problem: AnyProblem | None) -> Iterator[Wrong]:
-    """Neither a ladder nor a tolerance, or both; a given motion needs neither."""
-    is_given = isinstance(problem, Problem) and problem.scene.prescribed is not None
-    if "ladder" in values and "accuracy" in values:
-        words = "not together with ladder: N is chosen for the tolerance"
-        yield Wrong(("accuracy",), words, of_key=True)
-    if not values.keys() & {"ladder", "accuracy"} and not is_given:
-        words = f"missing; it must be {LADDER}, or give accuracy: {{tolerance: 1e-8}} in its place"
-        yield Wrong(("ladder",), words)
-
-
 def _wrong_cases(keys: ExperimentKeys, methods: Sequence[AnyMethod]) -> Iterator[Wrong]:
     """Expectations or claims for methods that the experiment does not have."""
     known = [method.case for method in methods]
     for key, cases in (("expect", keys.expect), ("claims", keys.claims)):
-        for name in cases if methods else ():
+        for name in cases:
             if any(f"{case}-".startswith(f"{name}-") for case in known):
                 continue
             near = suggestion(name, [*known, *(case.split("-")[0] for case in known)])
@@ -193,14 +170,12 @@ def _wrong_cases(keys: ExperimentKeys, methods: Sequence[AnyMethod]) -> Iterator
             yield Wrong((key, name), f"{words}{near} (methods here: {shown})", of_key=True)
 
 
-def _objection(problem: AnyProblem | None, method: AnyMethod) -> str:
+def _objection(problem: AnyProblem, method: AnyMethod) -> str:
     """Why a method cannot solve a problem; empty if it can."""
     if isinstance(problem, DerivativeProblem):
         by_bdf = not isinstance(method, Baseline) and not method.is_runge_kutta
         reason = "a fractional derivative needs bdf; write bdf: 2"
         return "" if by_bdf else f"{method.label}: {reason}"
-    if problem is None:
-        return ""
     if reason := law_objection(problem.scene, method):
         return reason
     if isinstance(method, Baseline):
@@ -226,24 +201,34 @@ def _wrong_steps(
     *,
     may_add_points: bool = True,
 ) -> Iterator[Wrong]:
-    """Jumps of the forcing that do not lie on the grid of every number of steps.
+    """Methods that need equal steps, and meshes that cannot meet the break points.
 
-    With `may_add_points` methods for any mesh add points there: they need a step between two jumps.
+    With `may_add_points` methods for any mesh add points there: they need a step between two.
     """
-    ends = _break_points(problem)
-    if grading != 1.0:
-        yield from _wrong_grading(grading, steps, methods, (*ends, problem.final_time))
-        return
-    adds_points = may_add_points and all(
-        isinstance(method, Method) and method.is_runge_kutta for method in methods
+    breaks, is_graded = _break_points(problem), grading != 1.0
+    for method in methods if is_graded else ():
+        words = ""
+        if not isinstance(method, Method) or method.cq != "gauss":
+            words = f"{method.label} needs equal steps; leave grading out, or use rk: gauss"
+        elif method.start == "graded":
+            words = f"{method.label} makes its own mesh; leave grading out, or give start: none"
+        if words:
+            yield Wrong(("ladder", "grading"), words, of_key=True)
+            return
+    adds_points = is_graded or (
+        may_add_points and all(isinstance(m, Method) and m.is_runge_kutta for m in methods)
     )
-    for index, n_steps in enumerate(steps if ends else ()):
-        if not adds_points:
-            if words := misplaced_break_point(ends, problem.final_time, n_steps):
-                yield Wrong(("ladder", "steps", index), f"{n_steps} steps put {words}")
-        elif n_steps <= len(ends):
-            words = f"{n_steps} steps are too few for {len(ends) + 1} parts between break points"
-            yield Wrong(("ladder", "steps", index), words)
+    for index, n_steps in enumerate(steps):
+        words = "" if adds_points else misplaced_break_point(breaks, problem.final_time, n_steps)
+        if words:
+            yield Wrong(("ladder", "steps", index), f"{n_steps} steps put {words}")
+            continue
+        try:
+            check_graded((0.0, *breaks, problem.final_time), n_steps, grading)
+        except ArgumentError as error:
+            place = ("grading",) if error.key == "grading" else ("steps", index)
+            yield Wrong(("ladder", *place), error.message)
+            return
 
 
 def _break_points(problem: AnyProblem) -> tuple[float, ...]:
@@ -254,40 +239,11 @@ def _break_points(problem: AnyProblem) -> tuple[float, ...]:
     return tuple(t for t in scene.prescribed.displacement.break_points if t < scene.final_time)
 
 
-def _wrong_grading(
-    grading: float, steps: Sequence[int], methods: Sequence[AnyMethod], ends: Sequence[float]
-) -> Iterator[Wrong]:
-    """Methods that need equal steps, and impossible meshes between the `ends` of stretches."""
-    for method in methods if grading != 1.0 else ():
-        words = ""
-        if not isinstance(method, Method) or method.cq != "gauss":
-            words = f"{method.label} needs equal steps; leave grading out, or use rk: gauss"
-        elif method.start == "graded":
-            words = f"{method.label} makes its own mesh; leave grading out, or give start: none"
-        if words:
-            yield Wrong(("ladder", "grading"), words, of_key=True)
-            return
-    for index, n_steps in enumerate(steps if ends and grading != 1.0 else ()):
-        try:
-            check_graded((0.0, *ends), n_steps, grading)
-        except ArgumentError as error:
-            place = ("grading",) if error.key == "grading" else ("steps", index)
-            yield Wrong(("ladder", *place), error.message)
-            return
-
-
 def _accuracy(
-    keys: ExperimentKeys, problem: AnyProblem, methods: Sequence[AnyMethod], report: Report
+    keys: ExperimentKeys, methods: Sequence[AnyMethod], report: Report
 ) -> Accuracy | None:
-    """The tolerance with its number of stages; None, maybe with mistakes, if there is none."""
-    if keys.accuracy is None:
-        return None
-    if isinstance(problem, DerivativeProblem):
-        report.add("a derivative is taken on a ladder only", "accuracy", of_key=True)
-    elif problem.scene.prescribed is not None:
-        words = "a displacement that is given has no error; give a ladder"
-        report.add(words, "accuracy", of_key=True)
-    if keys.method is None:
+    """The tolerance with the number of stages of a method beside it; None: there is none."""
+    if keys.accuracy is None or keys.method is None:
         return keys.accuracy
     first = methods[0]
     stages = first.degree if isinstance(first, Method) and first.cq == "gauss" else 0
@@ -296,21 +252,6 @@ def _accuracy(
         words += "stages; without it they follow from the tolerance"
         report.add(words, "method", of_key=True)
     return keys.accuracy.with_stages(stages)
-
-
-def _wrong_diagnostics(keys: ExperimentKeys, problem: AnyProblem) -> Iterator[Wrong]:
-    """Diagnostics where there is no motion, or many."""
-    if not keys.store.diagnostics:
-        return
-    words = ""
-    if not isinstance(problem, Problem):
-        words = f"not for kind {problem.kind}, which has no motion"
-    elif problem.scene.prescribed is not None:
-        words = f"not for kind {problem.kind}, whose motion is given"
-    elif keys.number:
-        words = "not together with sweep or designs; give each member its own experiment"
-    if words:
-        yield Wrong(("store", "diagnostics"), words)
 
 
 def _wrong_member(

@@ -7,37 +7,19 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
 
 from fvi_cli.config.build import Built, build_experiment
 from fvi_cli.config.members import with_first
-from fvi_cli.config.models import (
-    ExperimentKeys,
-    FileName,
-    MemberKeys,
-    SeveralExperiments,
-    WithoutProblem,
-)
+from fvi_cli.config.models import ExperimentKeys, FileName, MemberKeys, SeveralExperiments
 from fvi_cli.config.text.mistakes import Report
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.config.text.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
 from fvi_cli.errors import ConfigError, excerpt
 from fvi_cli.scenes.keys.mistakes import describe
 from fvi_cli.studies.experiment import Experiment
-
-_CHECKED_AGAINST: Final[Mapping[str, tuple[str, ...]]] = {
-    "method": ("expect", "claims", "ladder"),
-    "ladder": ("method", "expect", "claims"),
-    "accuracy": ("ladder", "method", "expect", "claims"),
-    "quantities": ("units", "figures", "fit"),
-    "events": ("figures",),
-    "impacts": ("figures",),
-    "sweep": ("figures",),
-    "designs": ("figures", "sweep"),
-}
-"""By key of an experiment what is not checked where its value is wrong."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -189,47 +171,19 @@ def _experiments(values: Mapping[str, Any], report: Report) -> Iterator[tuple[in
 
 
 def _read(
-    values: dict[str, Any],
-    name: str,
-    report: Report,
-    context: Mapping[str, Any],
+    values: dict[str, Any], name: str, report: Report, context: Mapping[str, Any]
 ) -> Built | None:
-    """The experiment of a mapping; mistakes inside of keys are told with those between keys."""
-    before, base = len(report), values
+    """The experiment of a mapping; what is wrong between keys is told where these are right."""
+    before, given = len(report), values
     members = {key: values[key] for key in ("designs", "sweep") if key in values}
     if members:
         # mistakes of these keys are told below
         with contextlib.suppress(ValidationError):
             values = with_first(values, MemberKeys.model_validate(members), report)
-    keys: ExperimentKeys | None
     try:
         keys = ExperimentKeys.model_validate(values, context=context)
     except ValidationError as error:
         report.validation(error)
-        keys = _partly(values, report, before, context)
-    if keys is None:
+    if len(report) > before:
         return None
-    return build_experiment(
-        keys,
-        values,
-        name,
-        report,
-        context,
-        base=base,
-        before=before,
-    )
-
-
-def _partly(
-    values: Mapping[str, Any], report: Report, before: int, context: Mapping[str, Any]
-) -> Any:
-    """The experiment without those of its keys that hold mistakes; None if that is not enough."""
-    depth = len(report.prefix)
-    wrong = {one.path[depth] for one in report.found[before:] if len(one.path) > depth}
-    # a key that is left out gets its default, against which others must not be checked
-    wrong |= {other for one in wrong for other in _CHECKED_AGAINST.get(str(one), ())}
-    kept = {key: value for key, value in values.items() if key not in wrong}
-    try:
-        return WithoutProblem.model_validate(kept, context=context)
-    except ValidationError:
-        return None
+    return build_experiment(keys, name, report, context, given["problem"])

@@ -39,6 +39,16 @@ from fvi_cli.studies.stability_settings import StabilitySettings
 MOST_STEPS: Final = 2**30
 MOST_TIMES: Final = 10_000_000
 MOST_MEMBERS: Final = 100_000
+NO_MOTION: Final = {
+    "fractional-derivative": "it has no motion",
+    "material": "its motion is given",
+}
+NOT_FOR: Final = {
+    "fractional-derivative": ("accuracy", "output", "quantities", "events", "impacts", "fit"),
+    "material": ("accuracy", "impacts"),
+}
+"""By kind of problem the keys of an experiment that do not apply to it."""
+EXCLUSIVE: Final = (("accuracy", "ladder"), ("impacts", "accuracy"))
 LADDER: Final = "{steps: [16, 32, 64]} or {from: 4, to: 6, base: 2}"
 
 FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
@@ -320,11 +330,32 @@ class ExperimentKeys(MemberKeys):
         "Which numbers of the problem fvi fit fits to which measurements.", None
     )
 
-
-class WithoutProblem(ExperimentKeys):
-    """An experiment whose problem is wrong; its other keys are checked all the same."""
-
-    problem: AnyKind | None = None  # type: ignore[assignment]
+    def mistakes(self) -> Iterator[Wrong]:
+        """Neither a ladder nor a tolerance, and keys that exclude each other."""
+        yield from super().mistakes()
+        given = {name for name, value in self if value is not None}
+        kind = self.problem.kind
+        for name in NOT_FOR.get(kind, ()):
+            if name in given:
+                yield Wrong((name,), f"not for kind {kind}: {NO_MOTION[kind]}", of_key=True)
+        for name, other in EXCLUSIVE:
+            if {name, other} <= given:
+                yield Wrong((name,), f"not together with {other}: give one", of_key=True)
+        if not given & {"ladder", "accuracy"} and kind != "material":
+            words = f"missing; it must be {LADDER}, or give accuracy: {{tolerance: 1e-8}} instead"
+            yield Wrong(("ladder",), words)
+        if self.output is not None and self.store.every != 1:
+            words = "not together with output, which chooses the stored times; leave out one"
+            yield Wrong(("store", "every"), words)
+        if self.store.diagnostics and (kind in NO_MOTION or self.number):
+            words = "for a motion without designs and sweep; give each member its own experiment"
+            yield Wrong(("store", "diagnostics"), words)
+        if self.impacts is not None and self.number and self.output is None:
+            words = "in a sweep, and of designs, every member has a mesh of its own; give output"
+            yield Wrong(("impacts",), words, of_key=True)
+        if self.impacts is not None and self.ladder is not None and self.ladder.grading is not None:
+            words = "not together with impacts, which grade the mesh themselves"
+            yield Wrong(("ladder", "grading"), words)
 
 
 class SeveralExperiments(Keys):

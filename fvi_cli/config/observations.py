@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -33,14 +33,17 @@ def read_observations(
 ) -> Observations:
     """The outputs that the keys of an experiment request."""
     given = [name for name in KEYS if getattr(keys, name) is not None]
-    is_prescribed = isinstance(problem, Problem) and problem.scene.prescribed is not None
+    if not isinstance(problem, Problem):
+        return Observations()
+    is_prescribed = problem.scene.prescribed is not None
     if not given and not is_prescribed:
         return Observations()
-    if not isinstance(problem, Problem):
-        message = f"not for kind {problem.kind}, which has no motion"
-        report.add(message, given[0], of_key=True)
-        return Observations()
-    report.extend(_excluded(keys, methods, (*given, "problem")[0]))
+    for method in methods:
+        try:
+            check_observable(method)
+        except ValueError as error:
+            report.add(str(error), (*given, "problem")[0], of_key=True)
+            break
     requested = requested_quantities(keys)
     # a quantity of the user's own hides a built-in one
     ready = {k: one for k, one in problem.ready.items() if requested.get(k, k) == k}
@@ -132,26 +135,3 @@ def _formula(
         report.add(reason, *place)
         return None
     return found
-
-
-def _excluded(keys: ExperimentKeys, methods: Sequence[AnyMethod], name: str) -> Iterator[Wrong]:
-    """Keys that exclude output, quantities, events or impacts."""
-    for method in methods:
-        try:
-            check_observable(method)
-        except ValueError as error:
-            yield Wrong((name,), str(error), of_key=True)
-            break
-    if keys.output is not None and keys.store.every != 1:
-        words = "not together with output, which chooses the stored times; leave out one"
-        yield Wrong(("store", "every"), words)
-    if keys.impacts is None:
-        return
-    if keys.number and keys.output is None:
-        words = "in a sweep, and of designs, every member has a mesh of its own; give output too"
-        yield Wrong(("impacts",), words, of_key=True)
-    if keys.accuracy is not None:
-        yield Wrong(("impacts",), "not together with accuracy; give a ladder", of_key=True)
-    if keys.ladder is not None and keys.ladder.grading is not None:
-        words = "not together with impacts, which grade the mesh themselves"
-        yield Wrong(("ladder", "grading"), words)

@@ -17,7 +17,7 @@ from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.keys.values import plain
-from fvi_cli.scenes.problem import AnyProblem, Problem
+from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.csv_samples import CsvSamples, read_csv_samples
 from fvi_cli.scenes.records.inputs import DataFileError
 from fvi_cli.scenes.registry import OnlyProblem
@@ -41,7 +41,7 @@ LARGEST_LAW_ORDER: Final = 0.999
 def fit_settings(
     fit: FitKeys,
     template: Mapping[str, Any],
-    problem: AnyProblem,
+    problem: Problem,
     quantities: Mapping[str, Expression],
     folder: Path,
     report: Report,
@@ -52,9 +52,6 @@ def fit_settings(
     paths of files begin in `folder`.
     """
     before = len(report)
-    if not isinstance(problem, Problem):
-        report.add("a fit needs a motion; the problem is a fractional derivative")
-        return None
     data = list(_data(fit, template, problem, quantities, folder, report))
     models = []
     model_keys: Mapping[str, ModelKeys | None] = fit.models or {"": None}
