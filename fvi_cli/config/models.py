@@ -249,10 +249,7 @@ def _shared(paths: Iterable[str], place: tuple[str | int, ...]) -> Iterator[Wron
     """Keys that cannot differ between members."""
     for path in paths:
         inner = next((one for one in paths if one != path and path.startswith(f"{one}.")), None)
-        if path in ("problem.kind", "problem.final_time"):
-            words = "members share their kind and times; write several experiments"
-            yield Wrong((*place, path), words, of_key=True)
-        elif inner is not None:
+        if inner is not None:
             yield Wrong((*place, path), f"lies inside of {inner}", of_key=True)
 
 

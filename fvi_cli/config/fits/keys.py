@@ -5,13 +5,25 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from fvi_cli.scenes.keys.mistakes import Wrong
+from fvi_cli.scenes.keys.mistakes import Wrong, refused
 from fvi_cli.scenes.keys.values import BY_FORM, ONE_OR_MANY, Keys, Positive, from_key, key
 from fvi_cli.scenes.records.samples import DECIMAL, Decimal
 
-SweptKey = Annotated[str, Field(pattern=r"^problem\.")]
+
+def _of_problem(path: str) -> str:
+    words = ""
+    if not path.startswith("problem."):
+        words = "not a key of the problem, such as problem.stiffness"
+    if path in ("problem.kind", "problem.final_time"):
+        words = "the same for all; write several experiments"
+    if words:
+        raise refused(Wrong((), words, of_key=True))
+    return path
+
+
+SweptKey = Annotated[str, AfterValidator(_of_problem), Field(examples=["problem.stiffness"])]
 
 
 class Parts(Keys):
