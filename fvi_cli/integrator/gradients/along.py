@@ -19,7 +19,7 @@ from functools import partial
 
 import numpy as np
 
-from fvi_cli.effects.matrices import dense
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.disturbance import MEMORY, rate_of_forcing, rate_of_remainder
 from fvi_cli.integrator.gradients.linearised import LinearisedRun, Tangent
 from fvi_cli.integrator.gradients.parameters import Parameter, rule_of
@@ -27,7 +27,6 @@ from fvi_cli.integrator.observe.dampers import (
     damper_alone,
     damper_along,
     damper_values,
-    dampers_of,
     deformation_of,
 )
 from fvi_cli.integrator.observe.motion import Motion
@@ -70,13 +69,11 @@ class Along:
             run.scene, parameters, ON_FORCES if is_forced else ("initial_velocity",)
         )
 
-        def forces(place: int | None) -> list[Array]:
-            if place is None:
-                return run.forces_of(scenes, run.steps.velocity)
-            moved = deformation_of(run.scene, place, run.steps.velocity)
-            return run.forces_of([damper_alone(one, place) for one in scenes], moved)
-
-        self._motion = Motion(scenes, [run.steps] * len(scenes), forces)
+        self._motion = Motion(
+            scenes,
+            [run.steps] * len(scenes),
+            lambda place: self._forces(scenes, place, run.steps.velocity),
+        )
         self._places = self._motion.located(0, times)
         observer = Observer(self._motion, [names] * len(scenes))
         along = observer.along(expression)(*self._places_of(self._motion))
@@ -85,6 +82,13 @@ class Along:
         self._at_fixed_motion = weights @ values
         known = {**names.parameters, **observer.variables(expression, *self._places)}
         self._slopes = slopes_of(expression, known, {*own, *self._dampers})
+
+    def _forces(self, scenes: Sequence[Scene], place: int | None, velocity: Array) -> list[Array]:
+        """Forces of all dampers of scenes, or of one on its deformation."""
+        if place is None:
+            return self._run.forces_of(scenes, velocity)
+        moved = deformation_of(scenes[0], place, velocity)
+        return self._run.forces_of([damper_alone(one, place) for one in scenes], moved)
 
     def _places_of(self, motion: Motion) -> tuple[Places, Array]:
         """The places of the times in the motion of every member."""
@@ -107,25 +111,18 @@ class Along:
 
     def _moved(self, tangent: Tangent) -> dict[str, Array]:
         """Effect of disturbances on the variables of the expression, ``(p, n)`` each."""
-        run, scene, p = self._run, self._run.scene, len(tangent.position)
-        terms = [*scene.damping, *scene.laws]
-
-        def forces(place: int | None) -> list[Array]:
-            if place is None:
-                every = zip(tangent.forces, run.coefficients, strict=True)
-                return list(sum(force @ matrix for force, matrix in every))
-            found = np.zeros(())
-            for one in dampers_of(scene)[place]:
-                force = one.deformation(tangent.forces[terms.index(one)]) @ dense(one.inner)
-                found = found + getattr(one, "size", 1.0) * force
-            return list(found)
-
+        run, scene, p = self._run, self._run.scene, tangent.position.shape[-1]
         # what the data of the start change directly is known at fixed motion
         at_rest = replace(
             scene, initial_velocity=np.zeros(run.d), derivative="caputo", forcing=None
         )
-        both = zip(tangent.position, tangent.velocity, strict=True)
-        steps = [replace(run.steps, position=x, velocity=v) for x, v in both]
+        x, v = (np.moveaxis(one, -1, 0) for one in tangent)
+        steps = [replace(run.steps, position=x[k], velocity=v[k]) for k in range(p)]
+
+        def forces(place: int | None) -> list[Array]:
+            (found,) = self._forces([at_rest], place, tangent.velocity.swapaxes(2, 3))
+            return list(np.moveaxis(found, 2, 0))
+
         motion = Motion([at_rest] * p, steps, forces)
         places = self._places_of(motion)
 
@@ -136,10 +133,11 @@ class Along:
             name: observed(partial(damper_along, motion, one))[..., 0]
             for name, one in self._dampers.items()
         }
-        x, v, force = map(observed, (motion.position, motion.velocity, motion.damping))
-        every = {"": x, "v": v, "d": force}
+        computed = {"": motion.position, "v": motion.velocity, "d": motion.damping}
+        needed = computed.keys() if "a" in self._kinds else computed.keys() & self._kinds
+        every = {kind: observed(computed[kind]) for kind in needed}
         if "a" in self._kinds:
-            every["a"] = self._accelerations(x, v, force)
+            every["a"] = self._accelerations(every[""], every["v"], every["d"])
         return found | {
             name: every[prefix][..., index] for name, (prefix, index) in self._derived.items()
         }

@@ -1,12 +1,12 @@
 r"""The discrete equations of a run, linearised along it: what disturbances do to the trajectory.
 
-A step maps position x and momentum p at its beginning, the forces F of the past at its stages (term
-by term, without their matrices) and load vectors g to x and p after it and to the velocities V at
-its stages,
+A step maps position x and momentum p at its beginning and load vectors g to x and p after it and to
+the velocities V at its stages. The forces of the past are load vectors too, one for each term of
+the damping with its matrix C,
 
-.. math:: (x', p', V) = T\,(x, p, F) + G g, \qquad z' = A z + Q V, \qquad F = R z,
+.. math:: (x', p', V) = S\,(x, p, g + \sum C R z), \qquad z' = A z + Q V,
 
-where z are the states of the memory. T and G are the solved equations of
+where z are the states of the memory. S are the solved equations of
 :mod:`fvi_cli.integrator.engine.step`, with the second derivatives of L at the stages.
 
 Shapes: n steps, p disturbances, d components; m stages of a step, f damping terms, J states.
@@ -14,7 +14,6 @@ Shapes: n steps, p disturbances, d components; m stages of a step, f damping ter
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -44,20 +43,17 @@ class Disturbance(NamedTuple):
 class Tangent(NamedTuple):
     """Effect of p disturbances on a trajectory."""
 
-    position: Array  # at the points of the mesh, (p, n + 1, d)
-    velocity: Array  # at the stages, (p, n, m, d)
-    forces: Array  # there, of all terms without their matrices, (f, p, n, m, d)
+    position: Array  # at the points of the mesh, (n + 1, d, p)
+    velocity: Array  # at the stages, (n, m, d, p)
 
 
 class Maps(NamedTuple):
     """Maps of n steps; those of the memory are for u different lengths."""
 
-    by_state: list[Array]  # T of every step, ((2 + m) d, (2 + f m) d)
-    by_load: Array  # G, (1 or n, (2 + m) d, (s + 1) d)
+    solved: list[Array]  # S of every step, ((2 + m) d, (3 + s) d)
     which: list[int]  # index of the length of every step, (n,)
-    local: Array  # from velocities of a step to its forces, (f, n, m, m)
-    response: Array  # from states at its beginning to its forces, (u, f m, J)
-    intake: Array  # from velocities of a step to states after it, (u, J, m)
+    past: Array  # R, from states at the beginning of a step to load vectors, (u, f (s + 1), J)
+    intake: Array  # Q, from velocities of a step to states after it, (u, J, m)
     decay: Array  # factors of the states over a step, (u, J, 1)
 
 
@@ -85,9 +81,9 @@ class LinearisedRun:
         )
 
     def forces_of(self, scenes: Sequence[Scene], velocity: Array) -> list[Array]:
-        """Forces of the damping of scenes on one motion, at the stages of its steps.
+        """Forces of the damping of scenes on one motion, or several, at the stages of its steps.
 
-        All from shapes ``(n, m, e)`` to the same: one march of the memory serves all scenes.
+        All from shapes ``(n, m, ..., e)`` to the same: one march of the memory serves all.
         """
         terms = [term for one in scenes for term in _terms(one)]
         if not terms:
@@ -96,7 +92,8 @@ class LinearisedRun:
         lengths, which = np.unique(self.steps.step_size, return_inverse=True)
         local, response, intake, change = memory.of_steps(lengths)
         # beside the motion one with the velocity 1, which terms above order 1 subtract
-        (n, m, e), k, moved = velocity.shape, len(memory.terms), velocity.swapaxes(1, 2)
+        (n, m), k = velocity.shape[:2], len(memory.terms)
+        moved = velocity.reshape(n, m, -1).swapaxes(1, 2)
         if any(map(_is_relative, memory.terms)):
             moved = np.concatenate([moved, np.ones((n, 1, m))], axis=1)
         shape = moved.shape[:2]
@@ -104,7 +101,9 @@ class LinearisedRun:
         steps = [which == place for place in range(lengths.size)]
         for own, each in zip(steps, intake, strict=True):
             taken[own] = np.tensordot(moved[own], each, axes=(2, 1))
-        path = _states(1.0 + change[which], taken)
+        path, decay = np.zeros_like(taken), 1.0 + change[which]
+        for step in range(n - 1):
+            path[step + 1] = decay[step] * path[step] + taken[step]
         for own, each, by_state in zip(steps, local, response, strict=True):
             table = memory.weights[:, None] * by_state
             plain[own] = np.tensordot(path[own], table, axes=(2, 2))
@@ -114,9 +113,11 @@ class LinearisedRun:
             total = np.zeros_like(velocity)
             for term, matrix in zip(_terms(one), _matrices(one), strict=True):
                 force = plain[:, :, memory.terms.index(term)].swapaxes(1, 2)
+                own = force[..., : velocity[0, 0].size].reshape(velocity.shape)
                 if _is_relative(term):
-                    force = force[..., :e] - force[..., e:] * one.initial_velocity
-                total += force[..., :e] @ matrix
+                    start = np.broadcast_to(one.initial_velocity, velocity.shape[2:])
+                    own = own - np.multiply.outer(force[..., -1], start)
+                total += own @ matrix
             found.append(total)
         return found
 
@@ -132,32 +133,23 @@ class LinearisedRun:
 
     def tangent(self, change: Disturbance) -> Tangent:
         """Effect of disturbances on the trajectory."""
-        d, (n, m, _), f = self.d, self.steps.velocity.shape, len(self.coefficients)
-        p = len(change.position)
-        positions, velocities = np.empty((p, n + 1, d)), np.empty((p, n, m, d))
-        forces = np.empty((f, p, n, m, d))
-        positions[:, 0] = change.position
+        d, (n, m, _), p = self.d, self.steps.velocity.shape, len(change.position)
+        position, velocity = np.empty((n + 1, d, p)), np.empty((n, m, d, p))
+        position[0] = change.position.T
         end = np.concatenate([change.position.T, change.momentum.T])
         states = np.zeros((self._memory.n_states, d * p))
+        loads = change.loads.transpose(1, 2, 3, 0)
         for own in self._parts():
-            maps, loads = self._maps(own), change.loads[:, own]
-            found = np.matmul(maps.by_load, loads.reshape(*loads.shape[:2], -1).transpose(1, 2, 0))
-            given = np.empty((len(found), (2 + f * m) * d, p))
-            # np.dot is the quickest product of small matrices
-            for index, which in enumerate(maps.which):
-                begin, after = given[index], found[index]
-                begin[: 2 * d] = end
-                begin[2 * d :] = np.dot(maps.response[which], states).reshape(-1, p)
-                after += np.dot(maps.by_state[index], begin)
+            maps = self._maps(own)
+            for step, (solved, which) in enumerate(zip(*maps[:2], strict=True), own.start):
+                past = np.dot(maps.past[which], states).reshape(len(self.coefficients), -1, d, p)
+                driven = loads[step] + np.matmul(self.coefficients[:, None], past).sum(axis=0)
+                after = np.dot(solved, np.concatenate([end, driven.reshape(-1, p)]))
                 end = after[: 2 * d]
+                position[step + 1], velocity[step] = end[:d], after[2 * d :].reshape(m, d, p)
                 states = maps.decay[which] * states
-                states += np.dot(maps.intake[which], after[2 * d :].reshape(-1, d * p))
-            positions[:, own.start + 1 : own.stop + 1] = found[:, :d].transpose(2, 0, 1)
-            velocity = found[:, 2 * d :].reshape(-1, m, d, p).transpose(3, 0, 1, 2)
-            past = given[:, 2 * d :].reshape(-1, f, m, d, p).transpose(1, 4, 0, 2, 3)
-            velocities[:, own] = velocity
-            forces[:, :, own] = past + np.matmul(maps.local[:, None], velocity)
-        return Tangent(positions, velocities, forces)
+                states += np.dot(maps.intake[which], after[2 * d :].reshape(m, -1))
+        return Tangent(position, velocity)
 
     def _parts(self) -> Iterator[slice]:
         """Ranges of steps whose maps are computed together."""
@@ -171,74 +163,43 @@ class LinearisedRun:
         steps = self.steps
         lengths, which = np.unique(steps.step_size[own], return_inverse=True)
         by_term, response, intake, change = self._memory.of_steps(lengths)
-        local = by_term[:, self._rows].swapaxes(0, 1)
-        weighted = self._memory.weights[self._rows][:, None] * response[:, None]
+        to_loads = -lengths[:, None, None] * self.tables.to_loads
+        weighted = self._memory.weights[self._rows][:, None, None] * response
+        past = np.matmul(to_loads, weighted).swapaxes(0, 1)
         # a linear scene has one map for each length
         every, at = np.arange(which.size), which
         if self.scene.is_linear:
             every, at = which, np.arange(lengths.size)
         motion = (steps.stage_position, steps.velocity, steps.stage_time)
         points = [one[own][: at.size] for one in motion]
-        by_state, by_load = self._of_steps(lengths[at], local[:, at], points)
+        damp = to_loads @ by_term.swapaxes(0, 1)[self._rows] @ self.tables.to_inputs
+        solved = self._solved(lengths[at], damp[:, at], points)
         return Maps(
-            by_state=[by_state[k] for k in every.tolist()],
-            by_load=by_load[every] if len(by_load) > 1 else by_load,
+            solved=[solved[k] for k in every.tolist()],
             which=which.tolist(),
-            local=local[:, which],
-            response=np.concatenate(list(weighted.swapaxes(0, 1)), axis=1),
+            past=np.concatenate(list(past.swapaxes(0, 1)), axis=1),
             intake=intake,
             decay=1.0 + change[..., None],
         )
 
-    def _of_steps(self, sizes: Array, local: Array, points: list[Array]) -> tuple[Array, Array]:
-        """T and G of n steps: the solved equations of the engine under unit cases."""
-        t, d, (n, m) = self.tables, self.d, points[2].shape
+    def _solved(self, sizes: Array, damp: Array, points: list[Array]) -> Array:
+        """S of n steps: the solved equations of the engine under unit cases."""
+        t, d, n = self.tables, self.d, sizes.size
         at, h = self.scene.derivatives(*points), sizes[:, None, None]
-        to_loads = -h * t.to_loads
         step = dense_step(
             unit_tables(self.method, d, has_rates=True),
             Linearisation(at.mass, at.mixed, -at.stiffness),
             h,
-            [to_loads @ (one @ t.to_inputs) for one in local],
+            list(damp),
             list(self.coefficients[:, None]),
         )
-        # cases: x, p, forces of the past at the stages, load vectors
-        first, last = 2 * d, (2 + len(local) * m) * d
-        count = last + (t.degree + 1) * d
-        x, p = np.zeros((2, n, count, d))
-        x[:, :d], p[:, d:first] = np.eye(d), np.eye(d)
-        loads = np.zeros((n, count, t.degree + 1, d))
-        past = np.einsum("nai,fde->nfiead", to_loads, self.coefficients)
-        loads[:, first:last] = past.reshape(n, last - first, -1, d)
-        loads[:, last:] = np.eye((t.degree + 1) * d).reshape(-1, t.degree + 1, d)
-        unknowns, dx, dp = step.solve(x, p, loads)
-        velocity = np.matmul(t.to_inputs, unknowns)
-        after = np.concatenate([x + dx, p + dp, velocity.reshape(n, count, -1)], axis=2)
-        return after[:, :last].swapaxes(1, 2), after[:, last:].swapaxes(1, 2)
-
-
-def _states(decay: Array, taken: Array) -> Array:
-    """States where n steps begin, ``(n, e, J)``, by their decay ``(n, J)`` and what they take.
-
-    In some sqrt(n) blocks of as many steps: first in all blocks at once, then from block to block.
-    """
-    n, size = len(taken), math.isqrt(len(taken)) + 1
-    count = math.ceil(n / size)
-    decay, taken = (
-        np.concatenate([one, np.zeros((count * size - n, *one.shape[1:]))]).reshape(
-            count, size, *one.shape[1:]
+        count = (3 + t.degree) * d
+        x, p, loads = np.split(
+            np.broadcast_to(np.eye(count), (n, count, count)), [d, 2 * d], axis=2
         )
-        for one in (decay[:, None], taken)
-    )
-    inside, left = np.zeros_like(taken), np.ones_like(decay)
-    for k in range(size - 1):
-        inside[:, k + 1] = decay[:, k] * inside[:, k] + taken[:, k]
-        left[:, k + 1] = decay[:, k] * left[:, k]
-    begin = np.zeros(taken.shape[2:])
-    for block in range(count):
-        inside[block] += left[block] * begin
-        begin = decay[block, -1] * inside[block, -1] + taken[block, -1]
-    return inside.reshape(count * size, *inside.shape[2:])[:n]
+        unknowns, dx, dp = step.solve(x, p, loads.reshape(n, count, t.degree + 1, d))
+        velocity = np.matmul(t.to_inputs, unknowns).reshape(n, count, -1)
+        return np.concatenate([x + dx, p + dp, velocity], axis=2).swapaxes(1, 2)
 
 
 def _is_relative(term: Term) -> bool:
