@@ -46,6 +46,7 @@ def run_steps(scene: Scene, method: Method, steps: AnySteps) -> RunSteps:
 
 
 @in_one_thread
+@np.errstate(all="ignore")
 def gradient_of(
     scene: Scene,
     method: Method,

@@ -14,6 +14,7 @@ import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import gradient_of, run_steps
+from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.gradients.quantity import (
     acceleration_at,
     misfit,
@@ -188,8 +189,13 @@ def test_expressions_against_central_differences(name, monkeypatch):
     assert misses(scene, GAUSS3, steps, quantity, value).max() < 1.0
     if not scene.damping:
         return
-    # without what the motion does to the damping force it is another number
-    monkeypatch.setattr(Motion, "damping", lambda self, steps, tau, *_: np.zeros((steps.size, d)))
+    # without what the stages of the motion do it is another number
+    tangent = LinearisedRun.tangent
+    monkeypatch.setattr(
+        LinearisedRun,
+        "tangent",
+        lambda run, change: tangent(run, change)._replace(velocity=np.zeros((12, 3, d, d))),
+    )
     assert misses(scene, GAUSS3, steps, quantity, value, ("initial_position",)).max() > 1e3
 
 
