@@ -37,8 +37,8 @@ import numpy as np
 
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads import StepLoads
-from fvi_cli.integrator.memory.damping import Damping, DampingTables, damping_of
-from fvi_cli.integrator.memory.reach import DamperForms, find_damper_forms
+from fvi_cli.integrator.memory.damping import Damping, damping_of
+from fvi_cli.integrator.memory.interface import Kernels
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
@@ -56,21 +56,18 @@ class DampingAlong:
 
     damping: Damping
     step_sizes: Array  # (n,)
-    inputs: Array  # (q, n, i, e)
-    reach: DamperForms | None = None  # components of a large structure that it acts on
+    inputs: Array  # of the components that the memory stores, (q, n, i, e)
 
     def forces(self) -> Array:
         r"""Forces :math:`\sum \mu D^\gamma q` at the samples, ``(q, n, m, d)``."""
-        damping, (q, _, _, e) = self.damping, self.inputs.shape
-        found = []
+        damping, q, found = self.damping, len(self.inputs), []
         for tables, driven, states, column in self._replay(PIECE):
             if tables is not None:
-                count = tables.kernels.count
+                count = tables.count
                 force = damping.past(tables, states, column, count)
                 force = force + damping.present(tables, driven, count)
-                found.append(force.reshape(q, count, -1, e))
-        total = np.concatenate(found, axis=1)
-        return total if self.reach is None else self.reach.spread(total)
+                found.append(force.reshape(q, count, -1, force.shape[-1]))
+        return np.concatenate(found, axis=1)
 
     def stored(self) -> Array | None:
         """Energy in the memory at the points, ``(q, n + 1)``.
@@ -89,7 +86,7 @@ class DampingAlong:
                 path.clear()
         return np.concatenate(found).T
 
-    def _replay(self, longest: int) -> Iterator[tuple[DampingTables | None, Array, Array, Array]]:
+    def _replay(self, longest: int) -> Iterator[tuple[Kernels | None, Array, Array, Array]]:
         """Blocks of steps: tables, their inputs, and the states at their beginning.
 
         States are ``(q, J, e)``, those of a start velocity of -1 ``(1, J, 1)``. The last is the end
@@ -97,13 +94,13 @@ class DampingAlong:
         """
         damping, (q, _, i, e) = self.damping, self.inputs.shape
         states, column = damping.start()
-        known: dict[tuple[float, int], DampingTables] = {}
+        known: dict[tuple[float, int], Kernels] = {}
         for first, end in pieces_of_equal_steps(self.step_sizes, longest):
             count, key = end - first, (float(self.step_sizes[first]), end - first)
             tables = known[key] = known.get(key) or damping.tables(*key)
             driven = self.inputs[:, first:end].reshape(q, count * i, e)
             yield tables, driven, states, column
-            states = tables.kernels.push(states, driven, count)
+            states = tables.push(states, driven, count)
             column = damping.push_column(tables, column, count)
         yield None, self.inputs[:, :0], states, column
 
@@ -115,7 +112,6 @@ def damping_along(
 
     None without damping.
     """
-    reach = find_damper_forms(scenes[0].active_forces) if scenes[0].is_sparse else None
     mesh = steps[0].mesh(scenes[0].break_points)
     damping = damping_of(
         scenes,
@@ -123,7 +119,7 @@ def damping_along(
         shortest_step=mesh.shortest_step,
         steps=mesh.equivalent_steps,
         n_steps=None if method.is_runge_kutta else mesh.n_steps,
-        reach=reach,
+        in_reach=scenes[0].is_sparse,
     )
     if damping is None:
         return None
@@ -133,8 +129,7 @@ def damping_along(
     return DampingAlong(
         damping=damping,
         step_sizes=steps[0].step_size,
-        inputs=inputs if reach is None else reach.along(inputs),
-        reach=reach,
+        inputs=damping.within(inputs),
     )
 
 

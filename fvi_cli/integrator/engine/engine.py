@@ -13,7 +13,6 @@ from functools import lru_cache, partial
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.engine.block import Block, Rows
 from fvi_cli.integrator.engine.law import Linear, Linearisation, StepLaw, law_of, modes_of
@@ -59,11 +58,10 @@ class Engine:
         is_single: bool = False,
     ) -> None:
         self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
-        self.modes, reach = modes_of(scenes), None
+        self.modes, is_large = modes_of(scenes), False
         self.law: StepLaw | Linear | Structure
         if is_structure(scenes, method, self.modes):
-            self.modes, self.law = None, Structure(scenes[0])
-            reach = self.law.reach
+            self.modes, self.law, is_large = None, Structure(scenes[0]), True
         else:
             self.law = law_of(scenes, self.modes)
         self.x0 = self.member_positions([one.initial_position for one in scenes])
@@ -80,14 +78,14 @@ class Engine:
             steps=steps,
             n_steps=n_steps,
             modes=self.modes,
-            reach=reach,
+            in_reach=is_large,
         )
         self.n_states = 0 if self.damping is None else self.damping.n_states
         self._no_iterations = np.zeros(self.q, dtype=np.int64)
-        self._reach, self.is_single = reach, is_single or isinstance(self.law, Structure)
+        self.is_single = is_single or is_large
         self._matrices = []
-        if self.damping is not None and not isinstance(self.law, Structure):
-            self._matrices = [_members(one.matrix) for one in self.damping.combinations]
+        if self.damping is not None and not is_large:
+            self._matrices = [np.asarray(one.matrix) for one in self.damping.directions]
         self.loads_of = [StepLoads(one, method, self.tables) for one in scenes]
         self._frames: OrderedDict[tuple[float, int], Frame] = OrderedDict()
         self._blocks: OrderedDict[tuple[float, int], Block] = OrderedDict()
@@ -126,8 +124,7 @@ class Engine:
             frame = self.frame(h, count)
             step: Step
             if isinstance(self.law, Structure):
-                combinations = () if self.damping is None else self.damping.combinations
-                step = StructureStep(self.law, frame, combinations)
+                step = StructureStep(self.law, frame, self.damping)
             else:
                 assert isinstance(self.law, Linear)
                 step = self._step(frame, self.law.at)
@@ -170,8 +167,7 @@ class Engine:
         # dampers of order 1 have no states and no past
         if self.damping is None or frame.memory is None or not self.n_states:
             return None
-        force = self.damping.past(frame.memory, state.z, state.column, count)
-        return force if self._reach is None else self._reach.spread(force)
+        return self.damping.past(frame.memory, state.z, state.column, count)
 
     def _step(self, frame: Frame, at: Linearisation) -> DenseStep:
         local = [one[:, 0] for one in frame.damp]
@@ -216,12 +212,10 @@ class Engine:
         u, count = rows.unknowns, rows.unknowns.shape[1]
         z, column = state.z, state.column
         if self.damping is not None and frame.memory is not None and self.n_states:
-            driving = u if self._reach is None else self._reach.along(u)
-            inputs = driving
+            inputs = self.damping.within(u)
             if self.method.is_runge_kutta:
-                inputs = on_steps(self.tables.to_inputs, driving)
-            inputs = inputs.reshape(self.q, -1, z.shape[-1])
-            z = frame.memory.kernels.push(z, inputs, count)
+                inputs = on_steps(self.tables.to_inputs, inputs)
+            z = frame.memory.push(z, inputs.reshape(self.q, -1, z.shape[-1]), count)
             column = self.damping.push_column(frame.memory, column, count)
         return Steps(
             h=frame.h,
@@ -282,12 +276,6 @@ class Engine:
         k = self.width
         forces = [m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]
         return self.scene_positions(x), np.array(forces)
-
-
-def _members(matrix: Form) -> Array:
-    """A matrix as that of members, ``(q or 1, e, e)``."""
-    whole = dense(matrix)
-    return whole if whole.ndim == 3 else whole[None]
 
 
 @lru_cache(maxsize=1024)

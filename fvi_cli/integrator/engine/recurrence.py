@@ -60,7 +60,7 @@ class Recurrence:
             by_memory = self._block.by_load[0] @ (self._to_w @ loads).T
         self._of_state = self._map(np.hstack([by_memory, start]))
         if self._memory is not None:
-            free = np.kron(self._memory.kernels.change_of_all(count), np.eye(engine.e))
+            free = np.kron(self._memory.change_of_all(count), np.eye(engine.e))
             kept = len(self._to_w)
             self._of_state.change[:kept, :kept] += (self._to_w @ free @ self._to_w.T).T
 
@@ -100,7 +100,7 @@ class Recurrence:
         states = np.zeros((n, engine.n_states, e))
         if self._memory is not None:
             inputs = on_steps(engine.tables.to_inputs, by_step[:, :, :-2]).reshape(n, -1, e)
-            states = self._memory.kernels.push(states, inputs, self.count)
+            states = self._memory.push(states, inputs, self.count)
         memory = states.reshape(n, -1) @ self._to_w.T
         change = np.hstack([memory, by_step[:, -1, -2:].reshape(n, -1)])
         ends = np.ascontiguousarray(by_step[:, :, -2:].swapaxes(1, 2))

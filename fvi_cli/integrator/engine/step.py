@@ -27,7 +27,8 @@ import numpy as np
 
 from fvi_cli.integrator.engine.law import Linearisation
 from fvi_cli.integrator.engine.products import on_components, on_every_component, on_points
-from fvi_cli.integrator.memory.damping import Damping, DampingTables
+from fvi_cli.integrator.memory.damping import Damping
+from fvi_cli.integrator.memory.interface import Kernels
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import StepTables, step_tables
 from fvi_cli.mathematics.arrays import Array, Mask
@@ -100,7 +101,7 @@ class Frame:
 
     def __init__(self, unit: UnitTables, damping: Damping | None, h: float, count: int) -> None:
         self.h, self.count, self.unit, t = h, count, unit, unit.tables
-        self.memory: DampingTables | None = None if damping is None else damping.tables(h, count)
+        self.memory: Kernels | None = None if damping is None else damping.tables(h, count)
         # from samples of the damping force to the load vectors of their step, (s + 1, m)
         self.to_loads = -h * t.to_loads
         # for every direction, from U of a step to load vectors of this and later steps,

@@ -18,13 +18,12 @@ from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.step import Frame
-from fvi_cli.integrator.memory.interface import Combination
-from fvi_cli.integrator.memory.reach import find_damper_forms
+from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
-LARGEST_DENSE, LEAST_BLOCK = 1024, 4
-"""A scene is large if its shortest block, of 4 steps, has more inputs than 1024."""
+LARGEST_DENSE = 256
+"""A scene is large if a step has more unknowns."""
 LARGEST_OFF_DIAGONAL = 1e-12  # of the largest entry; round-off: 4e-15 of Gauss3, 5e-14 of Gauss5
 
 Product = tuple[Array, Form]
@@ -39,12 +38,12 @@ def is_structure(
         return False
     if modes is None:
         return True
-    is_large = scenes[0].dimension * method.degree * LEAST_BLOCK > LARGEST_DENSE
+    is_large = scenes[0].dimension * method.degree > LARGEST_DENSE
     return modes[0].batch == 1 and is_large
 
 
 class Structure:
-    """Constant mass and stiffness of one scene, ``(d, d)``, and the reach of its dampers."""
+    """Constant mass and stiffness of one scene, ``(d, d)``."""
 
     is_linear, has_rates = True, False
 
@@ -52,23 +51,12 @@ class Structure:
         self.mass, self.stiffness = form(scene.inertia.form), None
         if isinstance(scene.potential, QuadraticPotential):
             self.stiffness = form(scene.potential.form)
-        self.reach = find_damper_forms(scene.active_forces) if scene.active_forces else None
-
-    def matrix_of(self, one: Combination) -> Form:
-        """The matrix of a direction of the damping on all components, ``(d, d)``."""
-        matrix = one.matrix
-        if isinstance(matrix, np.ndarray):
-            matrix = matrix.reshape(matrix.shape[-2:])
-        if self.reach is None:
-            return matrix
-        rows = as_csr(self.reach.rows)
-        return cast(Form, as_csr(cast(Form, rows.T @ as_csr(matrix) @ rows)))
 
 
 class StructureStep:
     """A step of a structure; as :class:`fvi_cli.integrator.engine.step.DenseStep`."""
 
-    def __init__(self, law: Structure, frame: Frame, damping: Sequence[Combination]) -> None:
+    def __init__(self, law: Structure, frame: Frame, damping: Damping | None) -> None:
         self._stiffness, self._h, unit = law.stiffness, frame.h, frame.unit
         s, h = unit.tables.degree, frame.h
         mass, stiff = (pairs.sum(axis=0).reshape(s, s) for pairs in (unit.pairs[0], unit.pairs[3]))
@@ -78,8 +66,8 @@ class StructureStep:
         if law.stiffness is not None:
             products.append((-h * h * stiff, law.stiffness))
             self._impulses.append((-h * h * unit.sums[1].sum(axis=0), law.stiffness))
-        for table, one in zip(frame.damp, damping, strict=True):
-            matrix = law.matrix_of(one)
+        matrices = [] if damping is None else [damping.matrix_of(k) for k in damping.directions]
+        for table, matrix in zip(frame.damp, matrices, strict=True):
             products.append((table[0, 0, :-1], matrix))
             self._impulses.append((table[0, 0].sum(axis=0), matrix))
         self._by_position = -h * unit.tables.test_weights.sum(axis=1)

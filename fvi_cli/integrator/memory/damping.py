@@ -11,28 +11,22 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from typing import Any, cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.damping import FractionalDamping, is_same_direction
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, dense, form, is_sparse
+from fvi_cli.effects.matrices import LEAST_SPARSE, Form, as_csr, dense, form, touched
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.memory.exponentials import Exponentials
-from fvi_cli.integrator.memory.interface import (
-    Combination,
-    Kernels,
-    along,
-    toeplitz_matrix,
-)
+from fvi_cli.integrator.memory.interface import Direction, Kernels, along
 from fvi_cli.integrator.memory.kernel import LARGEST_EXPONENT, Term
 from fvi_cli.integrator.memory.lags import Lags
-from fvi_cli.integrator.memory.reach import DamperForms
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Places
 
 Pattern = tuple[tuple[tuple[int, ...], bool], ...]
 """Of each direction the places of its terms in the active forces of a scene, and if it is relative.
@@ -41,35 +35,24 @@ Relative terms subtract the start velocity: Caputo derivatives of order above 1.
 """
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class DampingTables:
-    """Tables of the damping for B equal steps."""
-
-    kernels: Kernels  # tables of the memory
-    # for every direction, from inputs to forces: lag sequences (q or 1, B, m, i)
-    sequences: tuple[Array, ...]
-    # for every direction the force that a velocity of -1 in these steps causes in them,
-    # (q or 1, B m); None where no start velocity is subtracted
-    offsets: tuple[Array | None, ...]
-
-    @cached_property
-    def local(self) -> tuple[Array, ...]:
-        """For every direction, from inputs of the block to its forces, ``(q or 1, B m, B i)``."""
-        return tuple(toeplitz_matrix(one) for one in self.sequences)
-
-
 class Damping:
     """The damping of the members of a batch.
 
-    Start velocities are ``(q, e)``, along the reach where there is one.
+    Start velocities are ``(q, e)``. Of a large structure the memory stores the components that
+    dampers act on, the `reach`: states, inputs and matrices are those of its r components.
     """
 
     def __init__(
-        self, combinations: Sequence[Combination], memory: Exponentials | Lags, velocity: Array
+        self,
+        directions: Sequence[Direction],
+        memory: Exponentials | Lags,
+        velocity: Array,
+        reach: Places | None = None,
     ) -> None:
-        self.combinations, self.memory = tuple(combinations), memory
-        self.start_velocity = velocity[:, None]  # (q, 1, e)
-        relative = [one.is_relative for one in combinations]
+        self.directions, self.memory = tuple(directions), memory
+        self._reach, self._components = reach, velocity.shape[1]
+        self.start_velocity = self.within(velocity)[:, None]  # (q, 1, e)
+        relative = [one.is_relative for one in directions]
         self.is_relative = any(relative)
         # also if the others have no memory: a batch mixes members of order 1 and of other orders
         self._begins_moving = all(relative) and isinstance(memory, Exponentials)
@@ -85,23 +68,38 @@ class Damping:
         """Number J of states of each component."""
         return self.memory.n_states
 
-    def tables(self, h: float, count: int) -> DampingTables:
-        """Tables of `count` steps of length h."""
-        kernels = self.memory.kernels(h, count)
-        lags_of_terms, column = kernels.sequence, self.memory.column
-        sequences = tuple(one.combine(lags_of_terms) for one in self.combinations)
-        offsets = tuple(
-            np.cumsum(lags @ column, axis=1).reshape(len(lags), -1) if one.is_relative else None
-            for lags, one in zip(sequences, self.combinations, strict=True)
-        )
-        return DampingTables(kernels=kernels, sequences=sequences, offsets=offsets)
+    def within(self, values: Array) -> Array:
+        """Values ``(..., e)`` of the components that the memory stores, ``(..., r)``."""
+        return values if self._reach is None else values[..., self._reach]
 
-    @cached_property
+    def _on_all(self, forces: Array) -> Array:
+        """Forces on the components that the memory stores as those on all components."""
+        if self._reach is None:
+            return forces
+        whole = np.zeros((*forces.shape[:-1], self._components))
+        whole[..., self._reach] = forces
+        return whole
+
+    def matrix_of(self, one: Direction) -> Form:
+        """The matrix of a direction on all components, ``(e, e)``, of one large structure."""
+        from scipy.sparse import coo_array, csr_array
+
+        assert self._reach is not None
+        given: Any = coo_array(cast(Any, one.matrix))
+        places = self._reach[given.row], self._reach[given.col]
+        shape = (self._components, self._components)
+        return cast(Form, csr_array((given.data, places), shape=shape))
+
+    def tables(self, h: float, count: int) -> Kernels:
+        """Tables of `count` steps of length h."""
+        return self.memory.kernels(h, count, self.directions)
+
+    @property
     def operations_per_step(self) -> int:
         """Multiply-adds of the memory of a member in a step: for the force and the new states."""
         columns = self.start_velocity.shape[2] + (1 if self.has_column else 0)
-        directions = sum(self.memory.remembers(one.places) for one in self.combinations)
-        return int(columns * self.memory.operations_per_step(directions))
+        force, states = self.memory.operations_per_step
+        return int(columns * (len(self.directions) * force + states))
 
     def start(self) -> tuple[Array, Array]:
         """States at t = 0, of the members ``(q, J, e)`` and of the column ``(1, J, 1)``."""
@@ -111,47 +109,26 @@ class Damping:
             return states + self.start_velocity, column - 1.0
         return states, column
 
-    def past(
-        self,
-        tables: DampingTables,
-        states: Array,
-        column: Array,
-        count: int,
-        direction: int | None = None,
-    ) -> Array:
+    def past(self, tables: Kernels, states: Array, column: Array, count: int) -> Array:
         """Force of the past on the first `count` steps of a block, ``(q, count m, e)``.
 
-        The sum over all directions, or one of them; many blocks have a leading axis.
+        Many blocks have a leading axis.
         """
-        chosen = slice(None) if direction is None else slice(direction, direction + 1)
-        combinations = self.combinations[chosen]
-        acted = self._acted_on(states, column)[chosen]
-        force = tables.kernels.past(acted, combinations, count)
-        for offset, one in zip(tables.offsets[chosen], combinations, strict=True):
-            if offset is not None:
-                start = along(self.start_velocity, one.matrix)
-                force = force + offset[:, : force.shape[-2], None] * start
-        return force
+        force = tables.past(self._acted_on(states, column), count)
+        for index, one in enumerate(self.directions):
+            if one.is_relative:
+                offset = tables.offsets[index][:, : force.shape[-2], None]
+                force = force + offset * along(self.start_velocity, one.matrix)
+        return self._on_all(force)
+
+    def present(self, tables: Kernels, inputs: Array, count: int) -> Array:
+        """Force of the inputs ``(q, count i, r)`` of the first steps on these steps."""
+        return self._on_all(tables.present(inputs, count))
 
     def _acted_on(self, states: Array, column: Array) -> list[Array]:
         """For every direction the states on which it acts."""
         moved = states + column * self.start_velocity if self.is_relative else states
-        return [moved if one.is_relative else states for one in self.combinations]
-
-    def present(
-        self, tables: DampingTables, inputs: Array, count: int, direction: int | None = None
-    ) -> Array:
-        """Force of the inputs of the first `count` steps on these steps, ``(q, count m, e)``.
-
-        Inputs are ``(q, count i, e)``; directions and many blocks as in :meth:`past`.
-        """
-        size = count * tables.kernels.n_samples
-        chosen = range(len(self.combinations)) if direction is None else [direction]
-        total = np.zeros((*inputs.shape[:-2], size, inputs.shape[-1]))
-        for index in chosen:
-            force = np.matmul(tables.local[index][:, :size, : inputs.shape[-2]], inputs)
-            total += along(force, self.combinations[index].matrix)
-        return total
+        return [moved if one.is_relative else states for one in self.directions]
 
     def energy(self, states: Array, column: Array) -> Array | None:
         r"""Energy that every direction stores, ``(n_directions, ..., q)``.
@@ -163,30 +140,24 @@ class Damping:
         """
         if not isinstance(self.memory, Exponentials):
             return None
-        by_term, energies = self.memory.energy_weights, []
-        for acted, one in zip(self._acted_on(states, column), self.combinations, strict=True):
+        by_term, energies = self.memory.kernel.energy_weights, []
+        for acted, one in zip(self._acted_on(states, column), self.directions, strict=True):
             squares = (acted * along(acted, one.matrix)).sum(axis=-1)
             energies.append(0.5 * (one.combine(by_term) * squares).sum(axis=-1))
         return np.array(energies)
 
-    def push_column(self, tables: DampingTables, column: Array, count: int) -> Array:
+    def push_column(self, tables: Kernels, column: Array, count: int) -> Array:
         """States of the column after the first `count` steps, ``(1, J, 1)``."""
         if not self.has_column:
             return column
-        return tables.kernels.push(column, np.tile(self.memory.column, count)[None, :, None], count)
+        return tables.push(column, np.tile(tables.column, count)[None, :, None], count)
 
-    def columns(self, tables: DampingTables, column: Array, blocks: int) -> tuple[Array, Array]:
+    def columns(self, tables: Kernels, column: Array, blocks: int) -> tuple[Array, Array]:
         """States of the column before each block, ``(blocks, J, 1)``, and after all."""
-        if not self.has_column:
-            return np.broadcast_to(column, (blocks, *column.shape[1:])), column
-        count = tables.kernels.count
-        matrix = tables.kernels.change_of_all(count)
-        driven = self.push_column(tables, np.zeros_like(column), count)[0]
-        path, value = np.empty((blocks, *column.shape[1:])), column[0]
-        for index in range(blocks):
-            path[index] = value
-            value = value + (matrix @ value + driven)
-        return path, value[None]
+        path = [column]
+        for _ in range(blocks):
+            path.append(self.push_column(tables, path[-1], tables.count))
+        return np.concatenate(path[:-1]), path[-1]
 
     def at_rest(self) -> Damping:
         """The damping with a start velocity of zero."""
@@ -203,14 +174,14 @@ def damping_of(
     steps: float | None = None,
     n_steps: int | None = None,
     modes: Sequence[Decoupling] | None = None,
-    reach: DamperForms | None = None,
+    in_reach: bool = False,
 ) -> Damping | None:
     """The damping of scenes of one pattern; None if they have none.
 
     `shortest_step` and `steps` as for :func:`fvi_cli.integrator.memory.kernel.power_kernel`;
     `n_steps` for backward differences. `modes` are the coordinates in which each scene is decoupled
-    into systems, which are members; `reach` has the forms on which the dampers of one scene act;
-    None: all components.
+    into systems, which are members. `in_reach`: the memory of one scene stores the components that
+    its dampers act on.
 
     Raises
     ------
@@ -220,9 +191,7 @@ def damping_of(
     pattern, forces = pattern_of(scenes[0]), [one.active_forces for one in scenes]
     if not pattern:
         return None
-    # for every direction and scene its terms
-    rows = [[tuple(_term(one[k]) for k in places) for one in forces] for places, _ in pattern]
-    terms = tuple(dict.fromkeys(term for row in rows for one in row for term in one))
+    terms = tuple(dict.fromkeys(_term(one) for every in forces for one in every))
     final_time = scenes[0].final_time
     memory: Exponentials | Lags
     if method.is_runge_kutta:
@@ -233,34 +202,44 @@ def damping_of(
         raise ValueError("n_steps: backward differences take a number of equal steps")
     else:
         memory = Lags(method, terms, n_steps=n_steps, final_time=final_time)
-    combinations = []
-    for terms_of_scenes, (places, is_relative) in zip(rows, pattern, strict=True):
-        matrices = [_matrix(one[places[0]], reach) for one in forces]
-        matrix = matrices[0]
-        if reach is None and not is_sparse(forces[0][places[0]].form):
-            whole = [dense(one) for one in matrices]
+    reach = None
+    if in_reach:
+        reach = np.flatnonzero(np.any([touched(one.form) for one in forces[0]], axis=0))
+    width = 1 if modes is None else modes[0].batch  # members of a scene
+    place_of, directions = {term: place for place, term in enumerate(terms)}, []
+    for places, is_relative in pattern:
+        matrix: Form
+        if reach is None:
+            whole = [dense(_matrix(one[places[0]])) for one in forces]
             if modes is not None:
-                whole = [
-                    m for mode, one in zip(modes, whole, strict=True) for m in mode.matrices(one)
-                ]
+                pairs = zip(modes, whole, strict=True)
+                whole = [m for mode, one in pairs for m in mode.matrices(one)]
             matrix = np.array(whole)
+        else:
+            matrix = _matrix(forces[0][places[0]])
+            inner = cast(Form, as_csr(matrix)[reach][:, reach])
+            is_dense = isinstance(matrix, np.ndarray) or reach.size < LEAST_SPARSE
+            matrix = form(dense(inner) if is_dense else inner)
+        numbers = [[place_of[_term(one[k])] for k in places] for one in forces]
         scales = np.array([[_scale(one[k]) for k in places] for one in forces])
-        width = 1 if modes is None else modes[0].batch  # members of a scene
-        combinations.append(
-            Combination.of_terms(
-                memory,
-                [row for row in terms_of_scenes for _ in range(width)],
-                np.repeat(scales / scales[:, :1], width, axis=0),
-                matrix,
+        directions.append(
+            Direction(
+                places=_shared(numbers, width),
+                factors=_shared(scales / scales[:, :1], width),
+                matrix=matrix,
                 is_relative=is_relative,
             )
         )
     velocity = np.array([one.initial_velocity for one in scenes])
-    if reach is not None:
-        velocity = reach.along(velocity)
-    elif modes is not None:
+    if modes is not None:
         velocity = np.concatenate([m.positions(v) for m, v in zip(modes, velocity, strict=True)])
-    return Damping(combinations, memory, velocity)
+    return Damping(directions, memory, velocity, reach)
+
+
+def _shared(rows: ArrayLike, width: int) -> NDArray[Any]:
+    """Rows of scenes as rows of members; one row if all are equal."""
+    every = np.asarray(rows)
+    return every[:1] if (every == every[0]).all() else np.repeat(every, width, axis=0)
 
 
 def pattern_of(scene: Scene) -> Pattern:
@@ -282,9 +261,8 @@ def pattern_of(scene: Scene) -> Pattern:
     return tuple((tuple(places), is_relative) for is_relative, _, places in directions)
 
 
-def _matrix(force: FractionalDamping | Law, reach: DamperForms | None) -> Form:
-    matrix = force.form if reach is None else reach.inner(force)
-    return form(force.size * matrix if isinstance(force, Law) else matrix)
+def _matrix(force: FractionalDamping | Law) -> Form:
+    return force.size * force.form if isinstance(force, Law) else force.form
 
 
 def _scale(force: FractionalDamping | Law) -> float:

@@ -17,7 +17,7 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
-from fvi_cli.integrator.memory.interface import Combination, Kernels, along
+from fvi_cli.integrator.memory.interface import Direction, Kernels, along
 from fvi_cli.integrator.memory.kernel import Kernel, Term, power_kernel
 from fvi_cli.integrator.memory.stages import (
     StageExponentials,
@@ -25,7 +25,7 @@ from fvi_cli.integrator.memory.stages import (
     stage_operator,
 )
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.arrays import Array, Integers
+from fvi_cli.mathematics.arrays import Array
 
 STEPS_KEPT = 256
 """Number of step sizes whose exponentials are kept in a process: some 20 kilobytes each."""
@@ -36,6 +36,7 @@ class ExponentialKernels(Kernels):
     """Tables of sums of exponentials for B equal steps."""
 
     step: StageExponentials  # exponentials over one of the steps
+    weights: tuple[Array, ...]  # of the states in the force of every direction, (q or 1, J)
     response: Array  # undriven states that begin with 1, at the stages of the block, (B m, J)
     intake: Array  # from inputs of the block to the states at its end, (J, B m)
 
@@ -44,13 +45,11 @@ class ExponentialKernels(Kernels):
         """Change of undriven states over the block, ``(J,)``."""
         return self.step.changes(self.count)
 
-    def past(
-        self, states: Sequence[Array], combinations: Sequence[Combination], count: int
-    ) -> Array:
+    def past(self, states: Sequence[Array], count: int) -> Array:
         """Force of the past on the first `count` steps: all directions in one product."""
         weighted = [
-            along(one.weights[:, :, None] * acted, one.matrix)
-            for acted, one in zip(states, combinations, strict=True)
+            along(weights[:, :, None] * acted, one.matrix)
+            for weights, acted, one in zip(self.weights, states, self.directions, strict=True)
         ]
         total = sum(weighted[1:], start=weighted[0])
         return np.asarray(np.matmul(self.response[: count * self.n_samples], total))
@@ -103,13 +102,11 @@ class Exponentials:
         self.weights, self.energy_weights = self.kernel.weights, self.kernel.energy_weights
         self.n_states = int(self.kernel.rates.size)
 
-    def remembers(self, places: Integers) -> bool:
-        """Whether a combination of terms has states: one is not the power 0."""
-        return any(self.terms[place] != 0.0 for place in places.flat)
-
-    def operations_per_step(self, directions: int) -> int:
-        """Multiply-adds for one component in a step with `directions` that have memory."""
-        return (directions + 1) * self._operator.n_stages * self.n_states
+    @property
+    def operations_per_step(self) -> tuple[int, int]:
+        """Multiply-adds for one component in a step: for the force of a direction, and states."""
+        count = self._operator.n_stages * self.n_states
+        return count, count
 
     def of_steps(self, sizes: Array) -> tuple[Array, Array, Array, Array]:
         """Tables of single steps of u lengths at once.
@@ -127,7 +124,9 @@ class Exponentials:
             step.changes(1).reshape(u, j),
         )
 
-    def kernels(self, h: float, count: int) -> ExponentialKernels:
+    def kernels(
+        self, h: float, count: int, directions: tuple[Direction, ...]
+    ) -> ExponentialKernels:
         """Tables of `count` steps of length h."""
         m = self._operator.n_stages
         sizes = np.array([h])
@@ -145,7 +144,14 @@ class Exponentials:
             # by columns, of which there are fewer
             intake = np.asfortranarray(intake)
         return ExponentialKernels(
-            count=count, sequence=sequence, step=step, response=response, intake=intake
+            count=count,
+            directions=directions,
+            sequences=tuple(one.combine(sequence) for one in directions),
+            column=self.column,
+            step=step,
+            weights=tuple(one.combine(self.weights) for one in directions),
+            response=response,
+            intake=intake,
         )
 
 

@@ -11,14 +11,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from fvi_cli.effects.matrices import Form, times
-from fvi_cli.integrator.memory.kernel import Term
 from fvi_cli.mathematics.arrays import Array, Integers
 
 
@@ -43,46 +42,15 @@ def along(values: Array, matrix: Form) -> Array:
     return np.asarray(np.matmul(values, matrix))
 
 
-class Memory(Protocol):
-    """The part of a memory that combinations of terms need."""
-
-    terms: tuple[Term, ...]  # its terms, each once
-    weights: Array  # factors of states in the force of each term, (K, J); (K, 0) for Lags
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Combination:
-    """A sum of terms that act along one matrix of every member."""
+class Direction:
+    """A matrix of every member, and the sum of the terms that act along it."""
 
     places: Integers  # numbers of its terms in the memory, (q or 1, n)
     factors: Array  # their coefficients, relative to that of the first one, (q or 1, n)
     # D with the coefficient of the first term, symmetric, (q, e, e); (e, e) of one large structure
     matrix: Form
-    # factors of exponentials in the force, (q or 1, J); (q or 1, 0) where the memory has none
-    weights: Array
-    is_relative: bool  # whether the start velocity is subtracted
-
-    @classmethod
-    def of_terms(
-        cls,
-        memory: Memory,
-        terms: Sequence[Sequence[Term]],
-        factors: Array,
-        matrix: Form,
-        *,
-        is_relative: bool = False,
-    ) -> Combination:
-        """The combination of terms of the memory, a row for every member or one for all."""
-        index = {term: place for place, term in enumerate(memory.terms)}
-        places = np.array([[index[term] for term in row] for row in terms])
-        combination = cls(
-            places=places[:1] if (places == places[0]).all() else places,
-            factors=factors[:1] if (factors == factors[0]).all() else factors,
-            matrix=matrix,
-            weights=np.zeros((1, 0)),
-            is_relative=is_relative,
-        )
-        return replace(combination, weights=combination.combine(memory.weights))
+    is_relative: bool = False  # whether the start velocity is subtracted
 
     def combine(self, by_term: Array) -> Array:
         """Combine values that are given for every term, ``(K, ...)`` to ``(q or 1, ...)``."""
@@ -96,7 +64,7 @@ class Combination:
 class Kernels(ABC):
     r"""Tables of the memory for B equal steps.
 
-    The force of the past, a sum over combinations c with the states :math:`z_c` on which each acts,
+    The force of the past, a sum over directions c with the states :math:`z_c` on which each acts,
     and the states after the steps are linear in states z and inputs U,
 
     .. math:: F = \sum_c R_c\, z_c D_c, \qquad z' = P z + Q U.
@@ -105,26 +73,50 @@ class Kernels(ABC):
     """
 
     count: int  # number B of steps
-    sequence: Array  # from inputs to the force of every term, lag sequences (K, B, m, i)
+    directions: tuple[Direction, ...]
+    # for every direction, from inputs to forces: lag sequences (q or 1, B, m, i)
+    sequences: tuple[Array, ...]
+    column: Array  # inputs of a start velocity of -1 in every step, (i,)
 
     @property
     def n_samples(self) -> int:
         """Number m of samples of the force in a step."""
-        return int(self.sequence.shape[2])
+        return int(self.sequences[0].shape[2])
 
     @property
     def n_inputs(self) -> int:
         """Number i of inputs of a step."""
-        return int(self.sequence.shape[3])
+        return int(self.column.size)
+
+    @cached_property
+    def offsets(self) -> tuple[Array, ...]:
+        """For every direction the force of a velocity of -1 in these steps, ``(q or 1, B m)``."""
+        return tuple(
+            np.cumsum(one @ self.column, axis=1).reshape(len(one), -1) for one in self.sequences
+        )
+
+    @cached_property
+    def local(self) -> tuple[Array, ...]:
+        """For every direction, from inputs of the block to its forces, ``(q or 1, B m, B i)``."""
+        return tuple(toeplitz_matrix(one) for one in self.sequences)
 
     @abstractmethod
-    def past(
-        self, states: Sequence[Array], combinations: Sequence[Combination], count: int
-    ) -> Array:
+    def past(self, states: Sequence[Array], count: int) -> Array:
         """Force of the past on the first `count` steps, ``(q, count m, e)``.
 
-        At least one combination, and the states on which each acts, ``(q, J, e)``; at most B steps.
+        For every direction the states on which it acts, ``(q, J, e)``; at most B steps.
         """
+
+    def present(self, inputs: Array, count: int) -> Array:
+        """Force of the inputs ``(q, count i, e)`` of the first steps on these steps."""
+        size = count * self.n_samples
+        return sum(
+            (
+                along(np.matmul(local[:, :size, : inputs.shape[-2]], inputs), one.matrix)
+                for local, one in zip(self.local, self.directions, strict=True)
+            ),
+            start=np.zeros(()),
+        )
 
     @abstractmethod
     def push(self, states: Array, inputs: Array, count: int) -> Array:

@@ -14,13 +14,12 @@ are sums of exponentials (:func:`lag_exponentials`), each with a state for every
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from fvi_cli.integrator.memory.interface import Combination, Kernels, along
+from fvi_cli.integrator.memory.interface import Direction, Kernels, along
 from fvi_cli.integrator.memory.kernel import Term, power_kernel
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import step_tables
@@ -90,23 +89,19 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
 class LagKernels(Kernels):
     """Tables of lags, and of sums beyond them, for B equal steps."""
 
-    response: Array  # force on the block by unit states at its beginning, (K, B m, J)
+    # for every direction, force on the block by unit states at its beginning, (q or 1, B m, J)
+    responses: tuple[Array, ...]
     n_lags: int  # number L of steps that are stored one by one
     rates: Array  # y of the sums, and exp(-n y) for n = B .. 1, (sums, B)
     decay: Array
-    _combined: WeakKeyDictionary[Combination, Array] = field(
-        default_factory=WeakKeyDictionary, init=False
-    )
 
-    def past(
-        self, states: Sequence[Array], combinations: Sequence[Combination], count: int
-    ) -> Array:
+    def past(self, states: Sequence[Array], count: int) -> Array:
         """Force of the past on the first `count` steps: one product for every direction."""
-        size, forces = count * self.n_samples, []
-        for acted, one in zip(states, combinations, strict=True):
-            if one not in self._combined:
-                self._combined[one] = one.combine(self.response)
-            forces.append(along(np.matmul(self._combined[one][:, :size], acted), one.matrix))
+        size = count * self.n_samples
+        forces = [
+            along(np.matmul(response[:, :size], acted), one.matrix)
+            for response, acted, one in zip(self.responses, states, self.directions, strict=True)
+        ]
         return np.asarray(sum(forces[1:], start=forces[0]))
 
     def push(self, states: Array, inputs: Array, count: int) -> Array:
@@ -124,8 +119,8 @@ class LagKernels(Kernels):
 
     def change_of_all(self, count: int) -> Array:
         """The matrix by which undriven states change over `count` steps, ``(J, J)``."""
-        s, unit = self.n_inputs, np.eye(self.response.shape[2])
-        zero = np.zeros((1, count * s, self.response.shape[2]))
+        s, unit = self.n_inputs, np.eye(self.responses[0].shape[2])
+        zero = np.zeros((1, count * s, len(unit)))
         matrix = self.push(unit[None], zero, count)[0] - unit
         last = self.n_lags * s
         matrix[last:, last:] = np.diag(np.repeat(np.expm1(-count * self.rates), s))
@@ -152,7 +147,6 @@ class Lags:
         self._tail = lag_exponentials(method.bdf_order, orders, n_steps)
         self.n_lags = self._tail.near
         self.n_states = (self.n_lags + self._tail.rates.size) * self._tables.degree
-        self.weights = np.zeros((len(self.terms), 0))
         # inputs of a start velocity of -1 in every step, (i,), which relative terms add
         self.column = -self._tables.control_points[1:]
 
@@ -182,16 +176,13 @@ class Lags:
         decay = np.exp(-np.outer(lags, self._tail.rates))
         return np.asarray(np.einsum("nj,tjms->tnms", decay, self._weights[1]))
 
-    def remembers(self, places: Integers) -> bool:
-        """Whether a combination has states: all have, order 1 for the few lags of its formula."""
-        return True
+    @property
+    def operations_per_step(self) -> tuple[int, int]:
+        """Multiply-adds for one component in a step: for the force of a direction, and states."""
+        force = self._tables.sample_points.size * self.n_states
+        return force, self._tail.rates.size * self._tables.degree
 
-    def operations_per_step(self, directions: int) -> int:
-        """Multiply-adds for one component in a step with `directions`."""
-        samples = self._tables.sample_points.size
-        return directions * samples * self.n_states + self._tail.rates.size * self._tables.degree
-
-    def kernels(self, h: float, count: int) -> LagKernels:
+    def kernels(self, h: float, count: int, directions: tuple[Direction, ...]) -> LagKernels:
         """Tables of `count` steps; all are of one length."""
         kernels, far = self._weights
         rates, before = self._tail.rates, np.arange(1, self.n_lags + 1)
@@ -205,10 +196,13 @@ class Lags:
         decay = np.exp(-np.outer(np.arange(count), rates))[None, :, :, None, None]
         by_states = np.concatenate([by_lags, decay * far[:, None]], axis=2)
         response = np.ascontiguousarray(by_states.transpose(0, 1, 3, 2, 4))
+        response = response.reshape(len(kernels), -1, self.n_states)
         return LagKernels(
             count=count,
-            sequence=sequence,
-            response=response.reshape(len(kernels), -1, self.n_states),
+            directions=directions,
+            sequences=tuple(one.combine(sequence) for one in directions),
+            column=self.column,
+            responses=tuple(one.combine(response) for one in directions),
             n_lags=self.n_lags,
             rates=rates,
             decay=np.exp(-np.outer(rates, np.arange(count, 0, -1))),

@@ -115,7 +115,7 @@ def test_the_step_is_that_of_all_equations_at_once(degree):
     v, x = t.slopes[1:].T @ u, scene.initial_position + h * t.basis[1:].T @ u
     force = np.zeros_like(v)
     frame = engine.frame(h, 1)
-    for one, local in zip(engine.damping.combinations, frame.memory.local, strict=True):
+    for one, local in zip(engine.damping.directions, frame.memory.local, strict=True):
         force += local[0] @ v @ one.matrix[0]
     rows = (t.weights * t.slopes) @ (v @ scene.inertia.mass)
     rows -= h * t.test_weights @ (x @ scene.stiffness)

@@ -7,7 +7,7 @@ from runge_kutta_symbol import tableau
 from spread import spread
 
 from fvi_cli.integrator.memory.exponentials import Exponentials
-from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.interface import Direction
 from fvi_cli.integrator.memory.kernel import power_kernel
 from fvi_cli.integrator.memory.stages import stage_operator
 from fvi_cli.integrator.method import Method
@@ -25,10 +25,13 @@ def memory_for(exponents: tuple[float, ...], steps: Array, m: int) -> Exponentia
     )
 
 
-def powers_of(memory: Exponentials) -> list[Combination]:
+def powers_of(memory: Exponentials) -> list[Direction]:
     """Every term of a memory."""
     one = np.ones((1, 1))
-    return [Combination.of_terms(memory, [[term]], one, one[None]) for term in memory.terms]
+    return [
+        Direction(places=np.array([[k]]), factors=one, matrix=one[None])
+        for k in range(len(memory.terms))
+    ]
 
 
 def apply(memory: Exponentials, steps: Array, values: Array) -> Array:
@@ -36,9 +39,9 @@ def apply(memory: Exponentials, steps: Array, values: Array) -> Array:
     states = np.zeros((1, memory.n_states, values.shape[2]))
     result = np.empty((len(memory.terms), *values.shape))
     for n, h in enumerate(steps):
-        tables = memory.kernels(float(h), 1)
         for k, one in enumerate(powers_of(memory)):
-            result[k, n] = tables.sequence[k, 0] @ values[n] + tables.past([states], [one], 1)[0]
+            tables = memory.kernels(float(h), 1, (one,))
+            result[k, n] = (tables.past([states], 1) + tables.present(values[None, n], 1))[0]
         states = tables.push(states, values[None, n], 1)
     return result
 
@@ -154,7 +157,7 @@ def test_the_work_of_damping_is_stored_or_dissipated(kind, theta):
             resolvents,
             states + h * kernel.rates[:, None] * (method.A @ values[n])[:, 0],
         )
-        following = memory.kernels(float(h), 1).push(states[None], values[None, n], 1)[0]
+        following = memory.kernels(float(h), 1, ()).push(states[None], values[None, n], 1)[0]
         lost = resting if theta > 0 else moving
         dissipated = h * size @ (lost**2 @ method.b)
         stored = 0.5 * energy_weights @ (following**2 - states**2)[:, 0]

@@ -19,7 +19,7 @@ from fvi_cli.effects.laws.prony import PronyKernel, prony
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory
-from fvi_cli.integrator.memory.interface import Combination
+from fvi_cli.integrator.memory.interface import Direction
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
@@ -46,15 +46,15 @@ def every_block(kernel: RelaxationKernel, beside: float, steps: Array, m: int) -
         final_time=float(steps.sum()),
         steps=n,
     )
-    law = Combination.of_terms(memory, [[kernel]], np.ones((1, 1)), np.ones((1, 1, 1)))
+    law = Direction(places=np.array([[1]]), factors=np.ones((1, 1)), matrix=np.ones((1, 1, 1)))
     whole = np.zeros((n, m, n, m))
-    tables = [memory.kernels(float(h), 1) for h in steps]
+    tables = [memory.kernels(float(h), 1, (law,)) for h in steps]
     for first in range(n):
-        whole[first, :, first] = tables[first].sequence[1, 0]
+        whole[first, :, first] = tables[first].sequences[0][0, 0]
         inputs = np.eye(m)[:, :, None]
         states = tables[first].push(np.zeros((m, memory.n_states, 1)), inputs, 1)
         for later in range(first + 1, n):
-            whole[later, :, first] = tables[later].past([states], [law], 1)[..., 0].T
+            whole[later, :, first] = tables[later].past([states], 1)[..., 0].T
             states = tables[later].push(states, np.zeros((m, m, 1)), 1)
     return whole
 
