@@ -41,9 +41,6 @@ Patterns = Callable[[ComplexArray], ComplexArray]
 Forces = Callable[[ComplexArray], list[ComplexArray]]
 """From points z, ``(k,)``, to the forces by increments, ``(k, m, s)`` for each order."""
 
-LARGEST_CONDITION = 1e6
-"""Eigenvectors worse conditioned than this belong to eigenvalues that nearly coincide."""
-
 _BASELINES: dict[str, Callable[[ComplexArray], tuple[ComplexArray, ComplexArray]]] = {
     "explicit-euler": lambda z: (z * z, z),
     "implicit-euler": lambda z: (np.ones_like(z), np.ones_like(z)),
@@ -136,30 +133,9 @@ def _staged_forces(method: Method, tables: StepTables, orders: tuple[float, ...]
     def forces(z: ComplexArray) -> list[ComplexArray]:
         inverse_symbols = np.tile(stages.matrix.astype(np.complex128), (z.size, 1, 1))
         inverse_symbols[:, 0, 0] += z / (1.0 - z)
-        return _matrix_powers(inverse_symbols, [1.0 - order for order in orders], samples)
+        values, vectors = np.linalg.eig(inverse_symbols)
+        to_vectors = np.linalg.solve(vectors, np.broadcast_to(samples, (z.size, *samples.shape)))
+        powers = [values[..., None] ** (1.0 - order) for order in orders]
+        return [np.asarray(vectors @ (one * to_vectors)) for one in powers]
 
     return forces
-
-
-def _matrix_powers(
-    matrices: ComplexArray, exponents: list[float], samples: ComplexArray
-) -> list[ComplexArray]:
-    """Principal powers of each matrix times `samples`."""
-    values, vectors = np.linalg.eig(matrices)
-    try:
-        inverses = np.linalg.inv(vectors)
-    except np.linalg.LinAlgError:
-        inverses = np.full_like(vectors, np.inf)
-    # Frobenius norms: the product bounds the condition from above
-    with np.errstate(over="ignore", invalid="ignore"):
-        sizes = [(np.abs(one) ** 2).sum(axis=(1, 2)) for one in (vectors, inverses)]
-        poor = np.flatnonzero(~(sizes[0] * sizes[1] < LARGEST_CONDITION**2))
-    inverses[poor] = 0.0
-    powers = [(vectors * values[:, None, :] ** exponent) @ inverses for exponent in exponents]
-    if poor.size:
-        from scipy.linalg import fractional_matrix_power
-
-        for power, exponent in zip(powers, exponents, strict=True):
-            for index in poor:
-                power[index] = fractional_matrix_power(matrices[index], exponent)
-    return [power @ samples for power in powers]

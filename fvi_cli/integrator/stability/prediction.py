@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.method import AnyMethod, Baseline, as_method
+from fvi_cli.integrator.method import AnyMethod, Method, as_method
 from fvi_cli.integrator.stability.determinants import (
     StepDeterminants,
     independent_systems,
@@ -73,7 +73,9 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
         return _unknown("the scene is nonlinear")
     if not scene.is_dissipative:
         return _unknown("the scene has a source of energy")
-    if gains_no_energy(method):
+    if isinstance(method, Method) and method.cq == "gauss":
+        # its symbol has a positive real part: the damping force does negative work over every run,
+        # and the rest keeps the energy
         reason = "the scene has no source of energy, and no step of the method gains energy"
         return StabilityPrediction(verdict="stable", reason=reason)
     if scene.active_laws:
@@ -93,23 +95,6 @@ def predict_stability(scene: Scene, method: AnyMethod | str, n_steps: int) -> St
         growth_per_step=growth,
         reason=f"a mode grows by a factor {math.exp(min(growth, FASTEST)):.4g} per step",
     )
-
-
-def gains_no_energy(method: AnyMethod) -> bool:
-    r"""Whether no run of a dissipative scene can grow by this method, whatever its matrices.
-
-    Gauss: the damping force does negative work over every run, and the rest keeps the energy, for
-    the symbol is a matrix of positive real part. One point and BDF1 or BDF2: divided by
-    :math:`((1 + z) / 2)^2` the equations are
-    :math:`\sigma(z)^2 M + K + \sum_j (\gamma_p(z) / h)^{\gamma_j} D_j` with the
-    trapezoidal rule's :math:`\sigma`; all terms have negative imaginary parts where Im z > 0.
-    """
-    if isinstance(method, Baseline):
-        return False
-    if method.is_runge_kutta:
-        return method.cq == "gauss"
-    is_midpoint = method.degree == 1 and (method.rule.rule, method.rule.points) == ("gauss", 1)
-    return is_midpoint and method.sampling == "points" and method.bdf_order <= 2
 
 
 def _unknown(reason: str) -> StabilityPrediction:
