@@ -9,7 +9,6 @@ interpreter: no attribute, no comparison, no keyword, no call of anything that i
 from __future__ import annotations
 
 import ast
-import difflib
 import keyword
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -20,6 +19,7 @@ from typing import Final, TypeVar
 
 import numpy as np
 
+from fvi_cli.errors import suggestion
 from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder, Term, bound, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, compute
@@ -28,21 +28,12 @@ from fvi_cli.mathematics.arrays import Array
 
 T = TypeVar("T")
 
-LARGEST_DEPTH: Final = 500  # of the syntax tree
-MOST_NODES: Final = 5_000  # numbers, names and operators
-MOST_LISTED: Final = 12  # known names that a complaint lists; if there are more, the nearest
-
+MOST_LISTED: Final = 12  # known names that a complaint lists
 CONSTANTS: Final[Mapping[str, float]] = MappingProxyType({"pi": math.pi, "e": math.e})
 _ALIASES: Final[Mapping[str, str]] = MappingProxyType(
     {f"a{name}": f"arc{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
     | {"ln": "log"}
 )
-_JUMPS: Final = "; give a force that jumps in pieces, so that the jump can lie on a step"
-_ADVICE: Final[Mapping[str, str]] = MappingProxyType({"heaviside": _JUMPS, "step": _JUMPS})
-
-EXTREMA: Final = ("min", "max")
-"""Functions of several arguments."""
-
 FUNCTION_NAMES: Final[frozenset[str]] = frozenset({*NUMPY_FUNCTIONS, *_ALIASES})
 """Every function name an expression may contain, other spellings (``asin``, ``ln``) included."""
 
@@ -220,21 +211,13 @@ def _translate(
     _check_names(variables, given)
     builder = Builder()
     done: list[tuple[Term, float | None]] = []
-    # Depth first without recursion: the second visit of a node makes its term.
-    pending: list[tuple[ast.expr, int, str, int]] = [(syntax_tree(text), 1, "", 0)]
-    nodes = 0
+    # depth first without recursion: the second visit of a node makes its term
+    pending: list[tuple[ast.expr, str, int]] = [(syntax_tree(text), "", 0)]
     while pending:
-        node, depth, kind, count = pending.pop()
+        node, kind, count = pending.pop()
         if kind:
             _emit(done, node, kind, count)
-            continue
-        nodes += 1
-        if depth > LARGEST_DEPTH or nodes > MOST_NODES:
-            raise ExpressionError(
-                f"too long: at most {MOST_NODES} numbers, names and operators, nested at most "
-                f"{LARGEST_DEPTH} deep"
-            )
-        if isinstance(node, ast.Constant):
+        elif isinstance(node, ast.Constant):
             if isinstance(node.value, bool) or not isinstance(node.value, int | float):
                 raise ExpressionError(f"{node.value!r} is not allowed; use real numbers", _at(node))
             number = _finite(node.value, _at(node))
@@ -245,12 +228,12 @@ def _translate(
             elif node.id in CONSTANTS:
                 done.append((builder.number(CONSTANTS[node.id]), CONSTANTS[node.id]))
             else:
-                raise _unknown_name(node, [*variables, *given, *CONSTANTS])
+                raise _unknown("name", node, {*variables, *given, *CONSTANTS})
         else:
             kind, operands = _operation(node)
             if kind:
-                pending.append((node, depth, kind, len(operands)))
-            pending.extend((child, depth + 1, "", 0) for child in reversed(operands))
+                pending.append((node, kind, len(operands)))
+            pending.extend((child, "", 0) for child in reversed(operands))
     return builder.system([done[0][0]])
 
 
@@ -274,32 +257,16 @@ def _check_names(variables: tuple[str, ...], constants: Mapping[str, float]) -> 
             raise ExpressionError(f"the constant {name} = {value!r} is not finite")
 
 
-def _unknown_name(node: ast.Name, known: Sequence[str]) -> ExpressionError:
-    name = node.id
-    if name in FUNCTION_NAMES:
-        return ExpressionError(f"the function {name!r} needs an argument: {name}(...)", _at(node))
-    velocity = f"v{name.removesuffix('dot').removesuffix('_')}"
-    if name.endswith("dot") and velocity in known:
-        message = f"unknown name {name!r}; the velocity is written {velocity}"
-    else:
-        message = _unknown("name", name, known)
-    return ExpressionError(message, _at(node), name, tuple(sorted(known)))
-
-
-def _unknown(what: str, name: str, known: Sequence[str]) -> str:
-    begins = sorted((one for one in known if len(one) > 2 and name.startswith(one)), key=len)
-    nearest = begins[-1:] or difflib.get_close_matches(name, known, n=1)
-    guess = f"; did you mean {nearest[0]!r}?" if nearest else ""
-    names, shown = sorted(known), "known"
-    if what == "name" and len(names) > MOST_LISTED:
-        names = difflib.get_close_matches(name, names, n=MOST_LISTED, cutoff=0.0)
-        shown = f"{MOST_LISTED} of {len(known)} known"
-    return f"unknown {what} {name!r}{_ADVICE.get(name, guess)} ({shown}: {', '.join(names)})"
+def _unknown(what: str, node: ast.Name, known: Iterable[str]) -> ExpressionError:
+    """The complaint about a name or function, with the nearest known ones."""
+    name, every = node.id, sorted(known)
+    shown = every if len(every) <= MOST_LISTED else [*every[:MOST_LISTED], "..."]
+    message = f"unknown {what} {name!r}{suggestion(name, every)} (known: {', '.join(shown)})"
+    return ExpressionError(message, _at(node), name)
 
 
 def _at(node: ast.expr) -> int:
-    # Column 0 of the source is the added parenthesis, so this already counts from 1.
-    return max(node.col_offset, 1)
+    return node.col_offset + 1
 
 
 def _operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
@@ -314,12 +281,11 @@ def _operation(node: ast.expr) -> tuple[str, list[ast.expr]]:
         )
     name = node.func.id
     if name not in FUNCTION_NAMES:
-        raise ExpressionError(_unknown("function", name, sorted(FUNCTION_NAMES)), _at(node))
+        raise _unknown("function", node.func, FUNCTION_NAMES)
     is_plain = not node.keywords and not any(isinstance(a, ast.Starred) for a in node.args)
-    if name in EXTREMA and (len(node.args) < 2 or not is_plain):
-        raise ExpressionError(f"{name} takes two arguments or more: {name}(a, b)", _at(node))
-    if name not in EXTREMA and (len(node.args) != 1 or not is_plain):
-        raise ExpressionError(f"{name} takes exactly one argument", _at(node))
+    if not is_plain or (len(node.args) < 2 if name in ("min", "max") else len(node.args) != 1):
+        wanted = "two arguments or more" if name in ("min", "max") else "exactly one argument"
+        raise ExpressionError(f"{name} takes {wanted}", _at(node))
     return _ALIASES.get(name, name), node.args
 
 
@@ -333,8 +299,6 @@ def _emit(done: list[tuple[Term, float | None]], node: ast.expr, kind: str, coun
             terms = [term for term, _ in pair]
             numbers = [value for _, value in pair if value is not None]
             value = compute(kind, numbers) if len(numbers) == len(pair) else None
-            if kind == "/" and value is None and other[1] == 0:
-                raise ExpressionError("it divides by zero")
             if value is not None:
                 # a part that has constants only must be finite for their values
                 Builder().number(value)

@@ -16,18 +16,11 @@ T = TypeVar("T")
 class ExpressionError(ValueError):
     """A text that is not an allowed expression, or a formula that has no value here."""
 
-    def __init__(
-        self,
-        message: str,
-        column: int | None = None,
-        unknown: str = "",
-        known: tuple[str, ...] = (),
-    ) -> None:
-        super().__init__(message, column, unknown, known)
+    def __init__(self, message: str, column: int | None = None, unknown: str = "") -> None:
+        super().__init__(message, column, unknown)
         self.message = message  # what is wrong and what is allowed
         self.column = column  # where in the text, from 1; None when it concerns the whole text
         self.unknown = unknown  # the unknown name, if the complaint is about one
-        self.known = known  # the known names, if a name is unknown
 
     def __str__(self) -> str:
         return self.message if self.column is None else f"column {self.column}: {self.message}"
