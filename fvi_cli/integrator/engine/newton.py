@@ -17,7 +17,7 @@ import numpy as np
 
 from fvi_cli.integrator.engine.block import Block, Rows
 from fvi_cli.integrator.engine.law import Linearisation, StepLaw
-from fvi_cli.integrator.engine.products import apply, largest
+from fvi_cli.integrator.engine.products import apply
 from fvi_cli.mathematics.arrays import Array, Integers, Mask
 from fvi_cli.mathematics.convergence import (
     ITERATIONS,
@@ -80,6 +80,11 @@ class Problem:
             steps = np.arange(self.loads.shape[1])[:, None]
             times = self.t + block.frame.h * (steps + times).ravel()
         return self.law.remainder(at, self.x, points.reshape(before.shape), times, before)
+
+
+def largest(values: Array) -> Array:
+    """The largest at the points, ``(q, n, w)`` to ``(q, w)``."""
+    return np.asarray(np.maximum.reduce(values, axis=1))
 
 
 def solve_block(problem: Problem, start: Linearised) -> Solution:

@@ -52,19 +52,6 @@ def apply(matrices: Array, vectors: Array) -> Array:
     return np.asarray(np.matmul(matrices, vectors[..., None])[..., 0])
 
 
-def largest(values: Array) -> Array:
-    """Greatest along the middle axis of ``(q, n, w)``, ``(q, w)``.
-
-    By halves, since NumPy reduces short axes of many members one by one.
-    """
-    if len(values) == 1:
-        return np.asarray(np.maximum.reduce(values, axis=1))
-    while (n := values.shape[1]) > 1:
-        half = (n + 1) // 2
-        values = np.maximum(values[:, :half], values[:, n - half :])
-    return values[:, 0]
-
-
 def by_columns(matrices: Array) -> Array:
     """The same matrices, stored column by column: quicker to apply where they have many rows."""
     return np.ascontiguousarray(matrices.swapaxes(-2, -1)).swapaxes(-2, -1)
