@@ -107,7 +107,7 @@ class Expression:
     @property
     def functions(self) -> frozenset[str]:
         """Functions of variables that occur in it, by their NumPy names."""
-        return self.system.functions
+        return self.system.called
 
     @property
     def is_constant(self) -> bool:

@@ -14,14 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.trajectory import Extent
 from fvi_cli.mathematics.arrays import Array, Mask, Places
-from fvi_cli.mathematics.brackets import bracketed_roots
 from fvi_cli.mathematics.chebyshev import (
     products_of_series,
     roots_of_series,
@@ -189,8 +188,13 @@ def find_events(along: FormulaAlong, owner: Places, direction: str) -> tuple[Pla
     at = np.where(inside, left, np.minimum(left + 1, right))
     roots = place[at]
     if inside.any():
-        a, b = left[inside], right[inside]
-        roots[inside] = bracketed_roots(along, step[a], place[a], place[b], value[a], value[b])
+        from scipy.optimize.elementwise import find_root
+
+        a, ends = left[inside], (place[left[inside]], place[right[inside]])
+        solve: Any = find_root  # its stubs know no arguments
+        within = solve(lambda tau, k: along(k, tau), ends, args=(step[a],))
+        # where a sign was round-off there is no bracket
+        roots[inside] = np.where(within.success, within.x, place[a])
     return step[at], roots
 
 
@@ -217,9 +221,11 @@ def first_fall(along: FormulaAlong, round_off: float) -> Fall | None:
     if not high.size:
         return Fall(0.0, 0.0, float(place[first]))
     last = int(high[-1])
-    ends = [place[[last]], place[[first]], value[[last]], value[[first]]]
-    root = bracketed_roots(along, step[:1], *ends)
-    return Fall(float(root[0]), float(place[last]), float(place[first]))
+    from scipy.optimize import brentq
+
+    top, below = float(place[last]), float(place[first])
+    root = brentq(lambda tau: along(step[:1], np.array([tau]))[0], top, below, xtol=ULPS)
+    return Fall(float(root), top, below)
 
 
 def find_extents(motion: Motion, along: FormulaAlong, ends: Sequence[float]) -> list[Extent]:

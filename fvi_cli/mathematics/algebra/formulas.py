@@ -68,11 +68,6 @@ class FormulaSystem:
         return tuple(str(one[1]) for one in every if one[0] == "variable")
 
     @cached_property
-    def functions(self) -> frozenset[str]:
-        """Functions that users may call and that occur."""
-        return self.called & NUMPY_FUNCTIONS.keys()
-
-    @cached_property
     def called(self) -> frozenset[str]:
         """Functions that occur, including those that only derivatives call."""
         return frozenset(str(self.instructions[place][0]) for place in self.needed) & _EVERY.keys()
