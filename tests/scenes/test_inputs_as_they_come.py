@@ -4,6 +4,7 @@ import re
 
 import numpy as np
 import pytest
+from scipy.sparse import bsr_array, coo_array, csc_array, csr_array, save_npz
 
 import fvi_cli as fvi
 from fvi_cli.effects.matrices import dense
@@ -116,9 +117,10 @@ def test_decimal_commas_are_read_where_they_are_said(file_of, text):
     [
         ("t;x\n0.00;4,350,000.0\n0.05;4,237,000.0\n", ".", "a.csv:2: .*'4,350,000.0'"),
         ("t;x\n0,00;4.350,5\n0,05;4.237,0\n", ",", "a.csv:2: .*'4.350,5'"),
-        ("t,x\n0.000,1\n0.001,2\n0.001,3\n", ".", "a.csv:4: t = 0.001 is the time of line 3 too"),
-        ("t,x\n0.0,1\n0.2,2\n0.1,3\n", ".", "a.csv:4: t = 0.1 is not after 0.2 .*sort"),
-        ("t,x\n0.0,1\n0.1,NaN\n0.2,\n", ".", "a.csv:3: (.|\n)*a.csv:4: column 'x' is empty"),
+        ("t,x\n0.000,1\n0.001,2\n0.001,3\n", ".", "a.csv:4: t = 0.001 is not after 0.001"),
+        ("t,x\n0.0,1\n0.2,2\n0.1,3\n", ".", "a.csv:4: t = 0.1 is not after 0.2 .*line 3"),
+        ("t,x\n0.0,1\n0.1,NaN\n0.2,\n", ".", "a.csv:3: column 'x' holds 'NaN'"),
+        ("t,x\n0.0,1\n0.1,2\n0.2,\n", ".", "a.csv:4: column 'x' holds ''"),
         ("t,x\n0,5,1.2\n", ".", "a.csv:2: 3 cells, but 2 names"),
         ("t,y\n0,5\n1,2\n", ".", "a.csv:1: no column is called 'x'"),
         ("t,x\nnan,nan\n0,1\n", ".", "a.csv:2: "),
@@ -159,10 +161,14 @@ def test_matrices_of_finite_element_programs(file_of, name):
     ("text", "name", "words"),
     [
         (BANNER + ENTRIES.replace("2.0", "2,0"), "K.mtx", "K.mtx:3: ',' is not allowed"),
+        (f"{BANNER}% of M_1\n{ENTRIES}".replace("2.0", "2_0"), "K.mtx", "K.mtx:4: '_' is not"),
+        ("1_0", "K.csv", "not a readable .csv file: .*'1_0'"),
+        (b"no array", "K.npy", "not a readable .npy file"),
+        (b"no array", "K.npz", "not a readable .npz file"),
+        (b"no matrix", "K.mat", "not a readable .mat file"),
         (BANNER + ENTRIES, "K.mm", "the ending must be one of"),
         (BANNER.lower() + ENTRIES, "K.mtx", "Line 1: Not a Matrix Market file"),
-        (BANNER + "9999999 9999999 5\n1 1 1.0\n", "K.mtx", "a sparse matrix may have"),
-        (BANNER + "3 3 99999\n1 1 1.0\n", "K.mtx", "99999 entries are declared"),
+        (BANNER + "3 3 99999\n1 1 1.0\n", "K.mtx", "not a readable .mtx file"),
         ("1 2\n2\n", "K.txt", "not a readable .txt file"),
         ("# nothing\n", "K.csv", "not a readable .csv file"),
         ("1 2\n3 1\n", "K.txt", "mirror image"),
@@ -173,6 +179,29 @@ def test_matrices_of_finite_element_programs(file_of, name):
 def test_other_matrices_are_refused(file_of, text, name, words):
     with pytest.raises(DataFileError, match=words):
         read_matrix(*file_of(text, name))
+
+
+@pytest.mark.parametrize("form", [csr_array, csc_array, coo_array, bsr_array])
+def test_no_index_of_a_sparse_file_lies_outside(form, tmp_path):
+    # it would end the process
+    path = tmp_path / "K.npz"
+    save_npz(path, form(CHAIN))
+    with np.load(path) as found:
+        parts = dict(found)
+    assert np.array_equal(dense(read_matrix(path, "K")), CHAIN)
+    for name in {"indptr", "indices", "row", "col"} & parts.keys():
+        for wrong in (10**9, -50):
+            changed = parts[name].copy()
+            changed[len(changed) // 2] = wrong
+            np.savez(path, **{**parts, name: changed})
+            with pytest.raises(DataFileError):
+                read_matrix(path, "K")
+
+
+def test_no_object_of_a_file_is_made(tmp_path):
+    np.save(tmp_path / "K.npy", np.array([{"a": 1}]), allow_pickle=True)
+    with pytest.raises(DataFileError, match=r"not a readable \.npy file"):
+        read_matrix(tmp_path / "K.npy", "K")
 
 
 COMMAS = """\

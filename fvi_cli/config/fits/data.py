@@ -244,8 +244,7 @@ def _read(
             if not low <= time <= high:
                 raise DataFileError(f"{name}:{line}: {first} = {time:g} is not {allowed}")
     except DataFileError as error:
-        for message in error.messages:
-            report.add(message, error.key)
+        report.add(str(error), error.key)
         return
     yield Series(times=samples.time, values=samples.values, **fields)
 

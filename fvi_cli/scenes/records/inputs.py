@@ -17,7 +17,6 @@ from fvi_cli.scenes.keys.mistakes import Wrong, refused
 from fvi_cli.scenes.keys.values import Keys, key
 
 LARGEST_TEXT: Final = 20_000_000
-MOST_LINES: Final = 1_000_000
 PLACE: Final = ("file", "column", "time", "decimal", "variable")
 """Keys that say where numbers stand; the digest says which ones they are."""
 
@@ -25,24 +24,20 @@ _KEPT: Final[dict[str, NDArray[Any]]] = {}
 
 
 class DataFileError(Exception):
-    """A file cannot be used; one message for each of the first mistakes, at a key."""
+    """A file cannot be used: what is wrong, at a key."""
 
-    def __init__(self, *messages: str, key: str = "file") -> None:
-        self.messages, self.key = messages, key
-        super().__init__("\n".join(messages))
+    def __init__(self, message: str, key: str = "file") -> None:
+        self.key = key
+        super().__init__(message)
 
 
 def read_content(path: Path, name: str, largest: int) -> bytes:
     """The bytes of a file; refuses more than `largest` bytes."""
     try:
-        # reading a pipe or a device might never end
-        if path.exists() and not path.is_file():
-            raise DataFileError(f"{name}: not a file")
         with path.open("rb") as file:
             content = file.read(largest + 1)
     except FileNotFoundError:
         near = suggestion(path.name, [one.name for one in path.parent.glob("*") if one.is_file()])
-        near = "; write / in place of \\" if "\\" in name else near
         near = near or "; paths begin at the folder of the configuration"
         raise DataFileError(f"{name}: cannot be read: no such file{near}") from None
     except (OSError, ValueError) as error:
@@ -54,10 +49,8 @@ def read_content(path: Path, name: str, largest: int) -> bytes:
 
 
 def read_text(path: Path, name: str, encoding: str = "utf-8-sig") -> str:
-    """The text of a file; refuses other encodings, and what takes long to read."""
+    """The text of a file; refuses other encodings."""
     content = read_content(path, name, LARGEST_TEXT)
-    if max(content.count(b"\n"), content.count(b"\r")) > MOST_LINES:
-        raise DataFileError(f"{name}: more than {MOST_LINES} lines; thin it out")
     try:
         return content.decode(encoding)
     except UnicodeDecodeError as error:
@@ -99,7 +92,7 @@ class FromFile(Keys):
             try:
                 known[where] = keep_numbers(self.read(path, name))
             except DataFileError as error:
-                raise refused(*(Wrong((error.key,), one) for one in error.messages)) from None
+                raise refused(Wrong((error.key,), str(error))) from None
         if self.digest not in (None, known[where]):
             message = f"{name} has changed; leave digest out to take what it holds"
             raise refused(Wrong(("digest",), message))
