@@ -8,9 +8,7 @@ from letters import spring
 from oracles.linear_response import match_scene
 from spread import spread
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate, integrate_members
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Baseline, Method
 
 METHODS = [
@@ -50,51 +48,6 @@ def test_order_1_of_riemann_liouville_is_the_rate_at_nodes_too(bdf, start, n_ste
         for kind in ("caputo", "riemann-liouville")
     )
     assert np.abs(one - other).max() < 1e-12 * np.abs(one).max()
-    members = integrate_members([replace(caputo, derivative="riemann-liouville")] * 5, method, 60)
-    alone = integrate(replace(caputo, derivative="riemann-liouville"), method, 60)
-    assert np.abs(members[3].position - alone.position).max() < 1e-12 * np.abs(one).max()
-
-
-@spread(bdf=[2, 4, 6], order=[0.3, 0.7], n_steps=[160, 640])
-def test_order_1_beside_a_fractional_one_of_riemann_liouville(bdf, order, n_steps):
-    """Against the closed form: a term of order 1 costs nothing beside a fractional one."""
-    scene = spring((order, 0.2), (1.0, 0.4), T=2.0, x=1.0, v=0.3, derivative="riemann-liouville")
-    method = Method(cq=f"bdf{bdf}", degree=1, sampling="nodes")
-    alone = replace(scene, damping=scene.damping[:1])
-
-    def error(one: Scene) -> float:
-        found = integrate(one, method, n_steps)
-        exact = match_scene(one).position(found.time)
-        return float(np.abs(found.position - exact).max())
-
-    assert error(scene) < 1.5 * error(alone)
-
-
-@pytest.mark.parametrize(
-    ("derivative", "value"),
-    [("caputo", 0.612261785758467), ("riemann-liouville", 0.0768387490366691)],
-)
-def test_caputo_and_riemann_liouville(derivative, value):
-    """x'' + D^{1/2} x + x = 0, x0 = 1, v0 = 0 at t = 1, by Laplace inversion."""
-    scene = spring((0.5, 1.0), T=1.0, x=1.0, derivative=derivative)
-    for method in METHODS[:2]:
-        assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(value, abs=1e-12)
-    other = {"caputo": "riemann-liouville", "riemann-liouville": "caputo"}[derivative]
-    swapped = spring((0.5, 1.0), T=1.0, x=1.0, derivative=other)
-    assert abs(integrate(swapped, METHODS[0], 128).position[-1, 0] - value) > 0.5
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_the_caputo_solution_jumps_as_the_order_passes_1(method):
-    """x0 = 0, v0 = mu = k = 1, t = 2: 0.41928 up to order 1, 1.26871 just above."""
-
-    def value(order: float) -> float:
-        scene = spring((order, 1.0), T=2.0, v=1.0)
-        return float(integrate(scene, method, 256).position[-1, 0])
-
-    assert value(1 - 1e-9) == pytest.approx(0.41928, abs=5e-6)
-    assert value(1.0) == pytest.approx(0.41928, abs=5e-6)
-    assert value(1 + 1e-9) == pytest.approx(1.26871, abs=6e-6)
 
 
 @pytest.mark.few(4)
@@ -140,40 +93,6 @@ def test_what_initial_data_cost_under_riemann_liouville(order, method, lost):
             assert measured[derivative] == pytest.approx(lost, abs=0.1)
     if lost < 1.9 and not (isinstance(method, Baseline) and lost == 1.0):
         assert measured["caputo"] > measured["riemann-liouville"] + 0.15
-
-
-def test_very_many_powers_at_the_start():
-    """Hundreds of powers from t^1.05 on; full order on steps that are halved behind the start."""
-    terms = [
-        FractionalDamping(order=order, coefficient=coefficient)
-        for order, coefficient in ((0.3, 0.28), (1.95, 0.87), (0.5, 0.56))
-    ]
-    method = Method(cq="gauss", degree=2, start="graded")
-
-    def scene(**more: object) -> Scene:
-        return spring(T=1.0, v=0.32, damping=terms, **more)
-
-    crowded = scene(derivative="riemann-liouville")
-    errors: dict[str, list[float]] = {"graded": [], "none": []}
-    solution = match_scene(crowded)
-    for start, found in errors.items():
-        for n_steps in (64, 128):
-            own = replace(method, start=start)
-            trajectory = integrate(crowded, own, n_steps)
-            found.append(np.abs(trajectory.position - solution.position(trajectory.time)).max())
-    assert np.log2(errors["graded"][0] / errors["graded"][1]) == pytest.approx(4.0, abs=0.1)
-    # the control: equal steps
-    assert np.log2(errors["none"][0] / errors["none"][1]) == pytest.approx(1.05, abs=0.1)
-
-
-@pytest.mark.parametrize("method", METHODS)
-def test_orders_on_both_sides_of_1_together(method):
-    """The velocity is subtracted for the order above 1 only; against a fine run of Gauss4."""
-    scene = spring((0.5, 0.4), (1.5, 0.3), T=3.0, k=2.0, x=1.0, v=0.7)
-    fine = integrate(scene, Method(cq="gauss", degree=4, start="graded"), 256).position[-1, 0]
-    assert integrate(scene, method, 128).position[-1, 0] == pytest.approx(fine, abs=2e-4)
-    exact = match_scene(scene)
-    assert fine == pytest.approx(exact.position(np.array([3.0]))[0, 0], abs=1e-12)
 
 
 def test_public_data_of_the_follow_up():

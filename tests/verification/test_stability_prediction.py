@@ -1,7 +1,5 @@
 """What is predicted of a run is what is observed, on random linear scenes and methods."""
 
-import sys
-import time
 from dataclasses import replace
 
 import numpy as np
@@ -66,36 +64,10 @@ def observed_growth(
     return float(position[-quarter:].max() / position[:quarter].max())
 
 
-def extreme_case(random: np.random.Generator) -> tuple[Scene, Method, int]:
-    """A scalar scene with step size 1 whose numbers may be of any size."""
-    _, method = random_case(random)
-    n_steps = int(10 ** random.uniform(0, 7))
-    order = random.choice([1e-3, 0.05, 0.5, 1 - 1e-9, 1.0, 1 + 1e-9, 1.5, 1.95, 1.999])
-    coefficient = 10 ** random.uniform(-6, 6)
-    scene = spring(
-        (float(order), np.array([[coefficient]])),
-        T=float(n_steps),
-        k=10 ** random.uniform(-8, 8),
-        x=0.0,
-        v=0.0,
-    )
-    return scene, method, n_steps
-
-
-def tell_times(what: str, seconds: list[float]) -> None:
-    """Print, for people who run this with ``-s``, what predictions took of the processor."""
-    percentiles = 1e3 * np.percentile(seconds, [50, 90, 99, 100])
-    words = " ".join(f"{value:.1f}" for value in percentiles)
-    sys.stdout.write(
-        f"{what}: {len(seconds)} predictions, 50, 90, 99, 100 percentile: {words} ms\n"
-    )
-
-
 def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
     """Cases in which prediction and observation differ, and how often each was predicted."""
     random = np.random.default_rng(seed)
     wrong: list[str] = []
-    seconds: list[float] = []
     verdicts = {"stable": 0, "unstable": 0, "unknown": 0}
     for _ in range(count):
         scene, method = random_case(random)
@@ -103,49 +75,24 @@ def contradictions(seed: int, count: int) -> tuple[list[str], dict[str, int]]:
         # twenty times e, so that a mode that grows is seen, however slowly
         n_steps = max(FEWEST_STEPS, int(20 / growth)) if growth > 0 else FEWEST_STEPS
         scene = replace(scene, final_time=float(n_steps))
-        began = time.process_time()
         prediction = predict_stability(scene, method, n_steps)
-        if scene.dimension == 1:
-            seconds.append(time.process_time() - began)
         verdicts[prediction.verdict] += 1
         if prediction.verdict == "unstable" and method.cq == "gauss":
             wrong.append(f"{method.case}: {prediction}")
         ratio = observed_growth(scene, method, n_steps, random)
         if (ratio > 1e3) != (prediction.verdict == "unstable"):
             wrong.append(f"{method.case}, {scene.damping}: {prediction}, but {ratio:.3g}")
-    tell_times(f"random scalar scenes; {len(wrong)} of {count} cases wrong", seconds)
     return wrong, verdicts
 
 
-def test_what_is_predicted_is_observed():
-    wrong, verdicts = contradictions(seed=20, count=20)
+@pytest.mark.parametrize(
+    ("seed", "count"), [(20, 20), pytest.param(7, 2000, marks=pytest.mark.slow)]
+)
+def test_what_is_predicted_is_observed(seed, count):
+    wrong, verdicts = contradictions(seed, count)
     assert not wrong
     assert verdicts["unknown"] == 0
-    assert min(verdicts["stable"], verdicts["unstable"]) >= 4
-
-
-@pytest.mark.slow
-def test_what_is_predicted_is_observed_in_two_thousand_cases():
-    wrong, verdicts = contradictions(seed=7, count=2000)
-    assert not wrong
-    assert verdicts["unknown"] == 0
-    assert sum(verdicts.values()) == 2000
-    assert min(verdicts["stable"], verdicts["unstable"]) >= 500
-
-
-@pytest.mark.parametrize("count", [60, pytest.param(2000, marks=pytest.mark.slow)])
-def test_extreme_scenes_are_decided(count):
-    random = np.random.default_rng(5)
-    seconds = []
-    for _ in range(count):
-        scene, method, n_steps = extreme_case(random)
-        began = time.process_time()
-        prediction = predict_stability(scene, method, n_steps)
-        seconds.append(time.process_time() - began)
-        assert prediction.verdict != "unknown", (method.case, scene.damping, prediction)
-        if method.cq == "gauss":
-            assert prediction.verdict == "stable"
-    tell_times("extreme scalar scenes", seconds)
+    assert min(verdicts["stable"], verdicts["unstable"]) >= count // 5
 
 
 def test_a_wrong_prediction_would_be_noticed():
