@@ -146,19 +146,12 @@ def _scene(subject: Subject) -> Scene:
 def _described(subject: Subject, values: Mapping[str, float]) -> Described:
     """The scene, and the names in expressions; those of the motion hide arguments."""
     scene = _scene(subject)
+    problem: object = subject.problem if isinstance(subject, Experiment) else subject
     names = Observations(coordinates=names_of(scene))
-    problem: object = subject
-    if isinstance(subject, Experiment):
-        problem = subject.problem
-        names = replace(names, quantities=subject.observations.quantities)
     if isinstance(problem, Problem):
-        names = replace(
-            names,
-            coordinates=problem.coordinates or names.coordinates,
-            inputs=problem.inputs,
-            parameters=problem.numbers,
-            ready=problem.ready,
-        )
+        names = problem.names
+    if isinstance(subject, Experiment):
+        names = replace(names, quantities=subject.observations.quantities)
     taken = {*known_names(names.coordinates), *names.inputs, *FUNCTION_NAMES, "pi"}
     own = {name: value for name, value in values.items() if name not in taken}
     return scene, replace(names, parameters={**names.parameters, **own})

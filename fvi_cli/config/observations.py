@@ -16,8 +16,6 @@ from fvi_cli.integrator.observe.request import (
     Impact,
     Observations,
     check_observable,
-    known_names,
-    surface_objection,
 )
 from fvi_cli.integrator.observe.surface import Surface, start_objection
 from fvi_cli.mathematics.expressions import Expression
@@ -48,7 +46,7 @@ def read_observations(
     # a quantity of the user's own hides a built-in one
     ready = {k: one for k, one in problem.ready.items() if requested.get(k, k) == k}
     names = names_along(problem, ready)
-    of_surfaces = known_names(problem.coordinates, (*problem.numbers, *problem.inputs))
+    of_surfaces = tuple(dict.fromkeys(("t", *problem.coordinates, *problem.numbers)))
     quantities: dict[str, Expression] = {}
     events: dict[str, Event] = {}
     impacts: dict[str, Impact] = {}
@@ -75,9 +73,6 @@ def read_observations(
                 "is the name of an event already; take another", "impacts", name, of_key=True
             )
         if found is None:
-            continue
-        if reason := surface_objection(found, problem.coordinates):
-            report.add(reason, *place)
             continue
         impacts[name] = Impact(when=found, restitution=impact.restitution)
         surface = Surface(

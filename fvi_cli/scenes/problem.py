@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
+from fvi_cli.integrator.observe.request import Observations, names_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -30,6 +31,16 @@ class Problem:
     numbers: Mapping[str, float] = field(default_factory=dict)
     # built-in quantities, such as ``base_shear``, by name, as formulas in all these names
     ready: Mapping[str, Expression] = field(default_factory=dict)
+
+    @property
+    def names(self) -> Observations:
+        """The names that expressions along the motion may hold."""
+        return Observations(
+            coordinates=self.coordinates or names_of(self.scene),
+            parameters=self.numbers,
+            ready=self.ready,
+            inputs=self.inputs,
+        )
 
     @property
     def final_time(self) -> float:

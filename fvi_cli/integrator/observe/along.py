@@ -28,7 +28,7 @@ from fvi_cli.mathematics.chebyshev import (
     slopes_of_series,
     to_coefficients,
 )
-from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.mathematics.expressions import Expression, slopes_of
 
 Values = Mapping[str, Array | float]
 Variables = Callable[[Places, Array], Values]
@@ -40,7 +40,7 @@ AT_ONCE = 2**20  # most numbers that are held for the variables of a formula
 DECAY = 1e-9  # a piece is resolved if its last coefficients are at most this share of the largest
 MOST_HALVINGS = 10  # below: a kink
 MOST_PIECES = 2**17  # as many as the steps that are divided together have after six halvings
-ULPS = 4 * 2.0**-52  # relative round-off of every variable
+ULPS = 8 * 2.0**-52  # relative round-off of every variable
 
 _NODES = second_kind_points(POINTS)
 _TO_COEFFICIENTS = to_coefficients(_NODES).T.copy()
@@ -76,11 +76,8 @@ class FormulaAlong:
                 for name, one in variables.items()
             }
             with np.errstate(all="ignore"):
-                for name in self.expression.names & alone.keys():
-                    for factor in (1.0 - ULPS, 1.0 + ULPS):
-                        moved = {**alone, name: alone[name] * factor}
-                        change = self._values(tau[own, middle], moved) - values[own, middle]
-                        noise[own] += np.abs(change)
+                for name, slope in slopes_of(self.expression, alone, alone).items():
+                    noise[own] += ULPS * np.abs(slope * alone[name])
         return values, np.where(np.isfinite(noise), noise, 0.0)
 
     def _slices(self, tau: Array) -> Iterator[slice]:

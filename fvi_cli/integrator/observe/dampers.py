@@ -33,7 +33,6 @@ from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 
-MOST_COMPONENTS = 1000  # most components of a damper that have names of their own
 TOGETHER = -1
 """Place of all dampers of a scene with a given motion, which share its one coordinate."""
 
@@ -86,7 +85,7 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
         found.setdefault(f"work_{label}", DamperValue(kind="work", place=place))
         count = one.inner.shape[0]
         labels = (one.factored.labels if one.factored else ()) or range(1, count + 1)
-        for component, number in enumerate(labels if count <= MOST_COMPONENTS else ()):
+        for component, number in enumerate(labels):
             end = f"_{number}" if count > 1 else ""
             for kind in kinds:
                 value = DamperValue(kind=kind, place=place, component=component)
@@ -151,20 +150,18 @@ def force_objection(
     (:meth:`fvi_cli.integrator.steps.RunSteps.momenta_of_polynomials`).
     """
     dampers, is_above = damper_values(scene), scene.acts_above_order_1
-    works = {name for name in names & dampers.keys() if dampers[name].kind == "work"}
-    forces = forces | {name for name, one in dampers.items() if one.kind == "force"}
-    for name in sorted((names & forces) | works):
-        if has_impacts and is_above:
+    forces = forces | {name for name, one in dampers.items() if one.kind != "deformation"}
+    for name in sorted(names & forces):
+        if is_above and has_impacts:
             return (
                 f"{name}: forces of orders above 1 keep an error of the step behind an impact; "
                 "use orders up to 1, or leave out the impacts"
             )
-        reason = "forces of Riemann-Liouville derivatives above order 1 keep an error of the first "
-        reason += "step"
-        if name in works:
-            reason = "the power of a Riemann-Liouville derivative is infinite at the start"
-        if scene.initial_loads and (is_above or name in works):
-            return f"{name}: {reason}; use caputo, or begin at rest in 0"
+        if scene.initial_loads and (is_above or name.startswith("work_")):
+            return (
+                f"{name}: loads of Riemann-Liouville derivatives at the start spoil works, and "
+                "forces of orders above 1; use caputo, or begin at rest in 0"
+            )
     return ""
 
 

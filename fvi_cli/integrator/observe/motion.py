@@ -219,7 +219,7 @@ class Motion:
         return found
 
     def _general_acceleration(self, steps: Places, tau: Array) -> Array:
-        """Accelerations of Lagrangians; nan where their masses or forces are not finite."""
+        """Accelerations of Lagrangians."""
         time, position = self.time(steps, tau), self.position(steps, tau)
         velocity, found = self.velocity(steps, tau), self.damping(steps, tau)
         for member, own in self.by_member(steps):
@@ -227,15 +227,11 @@ class Motion:
             assert scene.lagrangian is not None
             q, v, t, right = position[own], velocity[own], time[own], found[own]
             with np.errstate(all="ignore"):
-                mass = scene.lagrangian.derivatives(q, v, t).mass
                 right = right + scene.lagrangian.remainder(q, v, np.zeros_like(v), t)
                 if scene.forcing is not None:
                     right = right + scene.forcing(t)
-                every = np.concatenate([mass, right[..., None]], axis=-1)
-                usable = np.asarray(np.isfinite(every).all(axis=(-2, -1)))
-                mass = np.where(usable[:, None, None], mass, np.eye(scene.dimension))
-                solved = np.linalg.solve(mass, right[..., None])[..., 0]
-            found[own] = np.where(usable[:, None], solved, np.nan)
+                mass = scene.lagrangian.derivatives(q, v, t).mass
+                found[own] = np.linalg.solve(mass, right[..., None])[..., 0]
         return found
 
 

@@ -79,8 +79,6 @@ class Event:
     def __post_init__(self) -> None:
         if self.direction not in DIRECTIONS:
             raise ValueError(f"direction: {self.direction!r} is not one of {', '.join(DIRECTIONS)}")
-        if self.stop not in (True, False):
-            raise ValueError(f"stop: {self.stop!r} is neither True nor False")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,18 +169,6 @@ class Observations:
         return {name: one for name, one in found.items() if one}
 
 
-def surface_objection(when: Expression, coordinates: Sequence[str]) -> str:
-    """What is wrong with the expression of a surface; empty if it is right."""
-    derived = {p + c for p in PREFIXES[1:] for c in coordinates} - set(coordinates)
-    wrong = sorted(when.names & derived)
-    if wrong:
-        return f"{wrong[0]} is not a position; a surface is an expression in coordinates and t"
-    if not when.names & set(coordinates):
-        return f"it contains no coordinate ({', '.join(coordinates)})"
-    unsmooth = sorted(when.functions & {"abs", "sign", "min", "max", "cbrt", "gamma"})
-    return f"{unsmooth[0]} has no normal everywhere; give a smooth surface" if unsmooth else ""
-
-
 def observations(
     coordinates: Sequence[str],
     *,
@@ -205,8 +191,10 @@ def observations(
     ValueError
         ``quantities.<name>: what is wrong``.
     """
-    positions = known_names(coordinates, tuple(parameters or ()))
-    every = tuple(dict.fromkeys((*positions, *further)))
+    known = known_names(coordinates, tuple(parameters or ()))
+    every = tuple(dict.fromkeys((*known, *further)))
+    # a surface is an expression in coordinates and t
+    positions = tuple(dict.fromkeys(("t", *coordinates, *(parameters or ()))))
 
     def read(text: object, place: str, names: tuple[str, ...] = every) -> Expression:
         if not isinstance(text, str | int | float):
@@ -229,13 +217,9 @@ def observations(
         except ValueError as error:
             raise ValueError(f"{place}.{error}") from None
 
-    surfaces = {}
-    for name, given in (impacts or {}).items():
-        surfaces[name] = change(Impact, given, f"impacts.{name}", positions)
-        if reason := surface_objection(surfaces[name].when, coordinates):
-            raise ValueError(f"impacts.{name}.when: {reason}")
+    surfaces = (impacts or {}).items()
     return Observations(
-        impacts=surfaces,
+        impacts={k: change(Impact, one, f"impacts.{k}", positions) for k, one in surfaces},
         coordinates=tuple(coordinates),
         times=None if output is None else np.asarray(output, dtype=float),
         quantities={k: read(one, f"quantities.{k}") for k, one in (quantities or {}).items()},

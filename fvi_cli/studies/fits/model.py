@@ -17,12 +17,11 @@ from fvi_cli.integrator.gradients.parameters import Described, parameter_of
 from fvi_cli.integrator.material import halved_mesh
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.mesh import Mesh
-from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.kinds.material import Material
-from fvi_cli.scenes.problem import AnyProblem
+from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.registry import read_problem
 from fvi_cli.studies.fits.predictions import METHOD, Predicted, predict_motion, predict_response
 from fvi_cli.studies.fits.settings import DataSet, FitModel
@@ -120,14 +119,10 @@ class MotionModel:
             problem: AnyProblem = kind.build_problem(self._motions[number])
         else:
             problem = kind.build_problem()
+        assert isinstance(problem, Problem)
         scene = problem.scene
-        assert isinstance(scene, Scene)
-        names = Observations(
-            coordinates=data.coordinates or problem.coordinates,
-            parameters=problem.numbers,
-            inputs=problem.inputs,
-        )
-        return scene if data.forces else replace(scene, final_time=data.last_time), names
+        whole = scene if data.forces else replace(scene, final_time=data.last_time)
+        return whole, problem.names
 
     @property
     def _moves_displacement(self) -> bool:

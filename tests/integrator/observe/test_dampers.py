@@ -1,6 +1,5 @@
 """Forces and works of single dampers, against balances and closed forms."""
 
-import mpmath
 import numpy as np
 import pytest
 from letters import spring
@@ -117,34 +116,6 @@ def boole(values: np.ndarray, h: float) -> np.ndarray:
         2 * h / 45 * (7 * parts[0] + 32 * parts[1] + 12 * parts[2] + 32 * parts[3] + 7 * parts[4])
     )
     return np.concatenate([[0.0], np.cumsum(sums)])
-
-
-def test_a_springpot_of_a_harmonic_motion_has_the_force_of_its_closed_form():
-    # x = sin(w t) of an oscillator that its springpot hardly moves: D^a sin(w t) is known
-    w, order = 3.0, 0.6
-    one = spring((order, 1e-14), k=w**2, v=w, T=6.0)
-    found = fvi.integrate(
-        one, "gauss8-graded", 40, output=[0.7, 2.0, 5.5], quantities={"f": "1e14*force_1"}
-    )
-    assert found.observed.quantities["f"] == pytest.approx(
-        [derivative_of_sine(order, w, t) for t in (0.7, 2.0, 5.5)], rel=1e-10
-    )
-
-
-def derivative_of_sine(order: float, w: float, t: float) -> float:
-    """Caputo's derivative of sin(w t), term by term."""
-    with mpmath.workdps(40):
-        return float(
-            mpmath.nsum(
-                lambda k: (
-                    (-1) ** int(k)
-                    * mpmath.mpf(w) ** (2 * k + 1)
-                    * mpmath.mpf(t) ** (2 * k + 1 - order)
-                    / mpmath.gamma(2 * k + 2 - order)
-                ),
-                [0, mpmath.inf],
-            )
-        )
 
 
 def test_a_spring_and_a_springpot_in_one_entry_are_one_damper():

@@ -119,19 +119,6 @@ def test_whoever_evaluates_a_chaotic_motion_finds_the_same():
     assert np.abs(other.position - run.position).max() > 0.1
 
 
-@pytest.mark.few(1)
-@pytest.mark.parametrize("order", [0.3, 1.0, 1.6])
-def test_velocity_acceleration_and_damping_force_of_a_pendulum(order):
-    scene = swing((order, 0.4), T=4.0, x=1.5, v=0.3)
-    asked = {"v": "vx", "a": "ax", "d": "dx", "balance": "ax + sin(x) - dx"}
-    coarse = _run(scene, "gauss4", 64, quantities=asked)
-    fine = _run(scene, "gauss6", 160, quantities=asked)
-    for name in ("v", "a", "d"):
-        off = coarse.observed.quantities[name] - fine.observed.quantities[name]
-        assert np.abs(off).max() < 3e-8, name
-    assert np.abs(coarse.observed.quantities["balance"]).max() < 1e-14
-
-
 def test_damping_force_of_order_one_and_of_a_known_motion():
     linear = spring((1.0, 0.7), T=4.0, m=1.0, k=2.0, x=1.0, v=-0.5)
     run = fvi.integrate(linear, "gauss4", 40, quantities={"d": "dx", "v": "vx"})

@@ -121,14 +121,6 @@ def _pulse_in_the_motion(
     return f"exp(-(({name} - {at!r})/{width!r})**2) - 0.5", np.sort(times), value
 
 
-def _root_of_size(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Function]:
-    level, at = 10.0 ** rng.uniform(-2.5, -0.5), rng.uniform(-0.5, 0.5)
-    levels = (at - level**2, at + level**2)
-    times = np.concatenate([_crossings(one, final_time, of_speed=False) for one in levels])
-    when = f"{level!r} - sqrt(abs(x - {at!r}))"
-    return when, np.sort(times), lambda t: level - np.sqrt(np.abs(np.cos(t) - at))
-
-
 def _lesser(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Function]:
     a, b = rng.uniform(-0.6, 0.6, 2).tolist()
     word, choose = ("min", np.minimum) if rng.random() < 0.5 else ("max", np.maximum)
@@ -142,7 +134,7 @@ def _lesser(rng: np.random.Generator, final_time: float) -> tuple[str, Array, Fu
     return f"{word}(x - ({a!r}), vx - ({b!r}))", times, value
 
 
-KINDS = (_wave, _pulse_in_time, _pulse_in_the_motion, _root_of_size, _lesser)
+KINDS = (_wave, _pulse_in_time, _pulse_in_the_motion, _lesser)
 
 
 def _check(seed: int) -> None:

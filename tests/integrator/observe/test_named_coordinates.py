@@ -1,7 +1,6 @@
 """A formula evaluates only the coordinates that it names."""
 
 import itertools
-import tracemalloc
 
 import numpy as np
 import pytest
@@ -32,7 +31,6 @@ def structure(mass: NDArray[np.float64]) -> fvi.Scene:
 
 
 MASSES = {"diagonal": np.diag(1.0 + np.arange(D) % 3), "full": 2.0 * np.eye(D) + 0.5 * NEIGHBOURS}
-FORMULAS = {"top": f"x{D}", "drift": "x2 - x1", "push": f"ax{D}", "damped": "dx1*vx1"}
 
 
 @pytest.mark.parametrize("mass", list(MASSES))
@@ -75,17 +73,3 @@ def test_accelerations_of_nonlinear_scenes_and_of_initial_loads_too():
     assert np.abs(found["b"][1:] - rest[1:]).max() < 1e-12
     # what the initial position adds is infinite at the start
     assert found["b"][0] == -np.inf
-
-
-def test_memory_of_formulas_does_not_grow_with_the_coordinates():
-    scene = structure(MASSES["diagonal"])
-    peaks = []
-    for asked in ({}, FORMULAS):
-        tracemalloc.start()
-        fvi.integrate(scene, "gauss2", 8 * STEPS, output=np.array([FINAL_TIME]), quantities=asked)
-        peaks.append(tracemalloc.get_traced_memory()[1])
-        tracemalloc.stop()
-    plain, observed = peaks
-    # all coordinates at the 17 places of every step take this at once
-    every = 8.0 * 8 * STEPS * 17 * D
-    assert observed < plain + 0.5 * every

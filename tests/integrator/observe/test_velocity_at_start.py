@@ -10,17 +10,13 @@ Riemann-Liouville derivatives and of orders below 1 are like powers of t.
 import math
 
 import numpy as np
-import pytest
-from letters import spring, swing
+from letters import swing
 from numpy.typing import NDArray
 from oracles.volterra import VolterraSolution, solve_volterra
 from spread import few_of, spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.mesh import uniform_mesh
-from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import RunSteps
 
 Array = NDArray[np.float64]
@@ -114,26 +110,8 @@ def test_velocities_and_their_extents_from_the_start_on(seed):
     assert abs(wrong[2] / known.scale()[1][0]) < 1e-4
 
 
-def test_a_steep_start_does_not_hide_the_velocity_that_is_given():
-    """The polynomial of the first step begins elsewhere: behind v0 v moves by t**0.12."""
-    scene = fvi.linear_oscillator(
-        final_time=8.0,
-        stiffness=1.3,
-        damping=[fvi.FractionalDamping(order=1.88, coefficient=1.2)],
-        derivative="riemann-liouville",
-        initial_velocity=-2.0,
-    )
-    run = fvi.integrate(scene, "gauss5", 40, output=[0.0, 1.0], quantities={"v": "vx"})
-    # the control: the polynomial is far away
-    whole = fvi.integrate(scene, "gauss5", 40, with_steps=True)
-    assert abs(whole.velocity(np.zeros(1))[0, 0] + 2.0) > 1e-3
-    assert run.observed.quantities["v"][0] == -2.0
-    extent = run.observed.extents["v"]
-    assert (extent.least, extent.peak_time) == (-2.0, 0.0)
-
-
 ORDERS = (1.05, 1.2, 1.4, 1.6, 1.75, 1.9, 1.99)
-GRADED, EQUAL = "gauss4-graded", Method(cq="gauss", degree=4, start="none")
+GRADED = "gauss4-graded"
 
 
 def scene_of(derivative: str, *terms: tuple[float, float]) -> Scene:
@@ -169,26 +147,3 @@ def test_the_error_is_seen_without(monkeypatch):
     scene = scene_of("riemann-liouville", (1.9, 0.4))
     run = fvi.integrate(scene, GRADED, 64)
     assert errors(scene, ((1.9, 0.4),), run).max() > 3e-8
-
-
-@pytest.mark.parametrize("count", [2, 3])
-def test_components_that_nothing_joins_have_the_momenta_of_single_runs(count):
-    stiffness, damping, speed = np.random.default_rng(count).uniform(0.5, 2.0, (3, count))
-    data = {"T": FINAL_TIME, "derivative": "riemann-liouville"}
-    unit, rest = np.eye(count), np.zeros(count)
-    every = spring((1.6, np.diag(damping)), m=unit, k=np.diag(stiffness), x=rest, v=speed, **data)
-    run = fvi.integrate(every, GRADED, 32)
-    for place, momentum in enumerate(run.momentum.T):
-        one = spring((1.6, damping[place]), k=stiffness[place], x=0.0, v=speed[place], **data)
-        alone = fvi.integrate(one, GRADED, 32).momentum[:, 0]
-        assert np.abs(momentum - alone).max() < 1e-13
-
-
-def test_equal_steps_have_errors_of_their_order():
-    scene = scene_of("riemann-liouville", (1.5, 0.4))
-    found = [
-        errors(scene, ((1.5, 0.4),), integrate(scene, EQUAL, uniform_mesh(FINAL_TIME, n)))[0]
-        for n in (40, 80)
-    ]
-    # positions have h**(3 - order) of the first step; the recursion has h**(2 - order)
-    assert found[1] < 0.45 * found[0]
