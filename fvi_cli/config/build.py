@@ -11,6 +11,7 @@ from fvi_cli.config.figures import wrong_figures
 from fvi_cli.config.fits.data import fit_settings
 from fvi_cli.config.machine import wrong_sizes
 from fvi_cli.config.members import (
+    Choice,
     Reading,
     make_members,
     remark_on_factors,
@@ -53,17 +54,18 @@ def build_experiment(
     report: Report,
     context: Mapping[str, Any],
     given: Mapping[str, Any],
+    first: Choice,
 ) -> Built | None:
     """The experiment of its keys; None, with mistakes in the report, where something is wrong.
 
-    The keys hold the problem of the first member; `given` is that in the file. `context` is that
+    The keys hold the problem of the `first` member; `given` is that in the file. `context` is that
     of the validation.
     """
     before = len(report)
     try:
         problem = keys.problem.build_problem()
     except ValueError as error:
-        report.argument(error, "problem")
+        report.extend([first.placed(wrong_argument(error, "problem"))])
         return None
     steps, grading = _ladder(keys, problem)
     entries = list(_methods(keys, report))
@@ -77,7 +79,7 @@ def build_experiment(
     observed = read_observations(keys, problem, methods, report)
     report.extend(wrong_units(keys, problem, observed))
     template = plain(keys.problem)
-    is_remarked = remark_on_factors(keys.problem, report)
+    is_remarked = remark_on_factors(keys.problem, first, report)
     reading = Reading(
         keys=keys,
         values=given,

@@ -12,14 +12,15 @@ from typing import Any
 from pydantic import TypeAdapter, ValidationError
 
 from fvi_cli.config.build import Built, build_experiment
-from fvi_cli.config.members import with_first
+from fvi_cli.config.members import Choice, choices
 from fvi_cli.config.models import ExperimentKeys, FileName, MemberKeys, SeveralExperiments
 from fvi_cli.config.text.mistakes import Report
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.config.text.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
 from fvi_cli.errors import ConfigError, excerpt
-from fvi_cli.scenes.keys.mistakes import describe
+from fvi_cli.scenes.keys.mistakes import describe, mistakes_of
 from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.members import with_values
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -116,7 +117,7 @@ def _loaded(
         try:
             SeveralExperiments.model_validate(document.value)
         except ValidationError as error:
-            report.validation(error)
+            report.extend(mistakes_of(error))
     built: list[Built | None] = []
     names: dict[str, int] = {}
     for number, values in _experiments(document.value, report):
@@ -174,16 +175,21 @@ def _read(
     values: dict[str, Any], name: str, report: Report, context: Mapping[str, Any]
 ) -> Built | None:
     """The experiment of a mapping; what is wrong between keys is told where these are right."""
-    before, given = len(report), values
+    before, first = len(report), Choice()
+    given = values.get("problem") or {}
     members = {key: values[key] for key in ("designs", "sweep") if key in values}
     if members:
         # mistakes of these keys are told below
         with contextlib.suppress(ValidationError):
-            values = with_first(values, MemberKeys.model_validate(members), report)
+            first = next(choices(MemberKeys.model_validate(members)))
     try:
+        if first.changes:
+            values = {**values, "problem": with_values(given, first.changes)}
         keys = ExperimentKeys.model_validate(values, context=context)
+    except LookupError as error:
+        report.extend([first.lost(error)])
     except ValidationError as error:
-        report.validation(error)
+        report.extend(map(first.placed, mistakes_of(error)))
     if len(report) > before:
         return None
-    return build_experiment(keys, name, report, context, given["problem"])
+    return build_experiment(keys, name, report, context, given, first)

@@ -6,7 +6,7 @@ import itertools
 import json
 import logging
 from collections.abc import Callable, Container, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import numpy as np
@@ -44,19 +44,32 @@ class Choice:
     """What one member changes."""
 
     name: str = ""  # of its design
-    changes: Mapping[str, Any]  # key paths to values; None takes the key away
-    places: Mapping[str, KeyPath]  # where each of them stands in the experiment
+    # key paths to values, of which None takes the key away, and where these stand in the experiment
+    changes: Mapping[str, Any] = field(default_factory=dict)
+    places: Mapping[str, KeyPath] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
         """The name, and the values in words."""
         return self.name or values_in_words(self.changes)
 
-    @property
-    def key_place(self) -> KeyPath:
-        """Where the key of the last change stands."""
-        place = list(self.places.values())[-1]
-        return place if isinstance(place[-1], str) else place[:-1]
+    def placed(self, wrong: Wrong) -> Wrong:
+        """A mistake in a value that the member changes, at the place where that is written."""
+        for path, where in self.places.items():
+            parts = _parts(path)
+            if wrong.path[: len(parts)] == parts:
+                is_key = wrong.of_key and wrong.path == parts
+                begin = where[:-1] if is_key and isinstance(where[-1], int) else where
+                return wrong._replace(path=(*begin, *wrong.path[len(parts) :]))
+        return wrong
+
+    def lost(self, error: LookupError) -> Wrong:
+        """A change that leads nowhere."""
+        return self.placed(Wrong(_parts(list(self.places)[-1]), str(error), of_key=True))
+
+
+def _parts(path: str) -> KeyPath:
+    return tuple(int(part) if part.isdecimal() else part for part in path.split("."))
 
 
 def choices(keys: MemberKeys) -> Iterator[Choice]:
@@ -85,25 +98,6 @@ def _swept(keys: MemberKeys) -> Iterator[tuple[Mapping[str, Any], Mapping[str, K
         yield {p: one[0] for p, one in chosen.items()}, {p: one[1] for p, one in chosen.items()}
 
 
-def with_first(values: dict[str, Any], keys: MemberKeys, report: Report) -> dict[str, Any]:
-    """The experiment with the values of its first member, as far as they fit."""
-    first = next(choices(keys))
-    try:
-        problem = with_values(values.get("problem") or {}, first.changes)
-    except LookupError as error:
-        report.add(str(error), *first.key_place, of_key=True)
-        return values
-    place_changes(first, report)
-    return {**values, "problem": problem}
-
-
-def place_changes(choice: Choice, report: Report) -> None:
-    """Give the values that a member changes the places at which they are written."""
-    for path, where in choice.places.items():
-        parts = tuple(int(part) if part.isdecimal() else part for part in path.split("."))
-        report.document.move((*report.prefix, *parts), (*report.prefix, *where))
-
-
 @dataclass(frozen=True, kw_only=True)
 class Reading:
     """How members are read and checked."""
@@ -125,10 +119,10 @@ def make_members(reading: Reading, report: Report, *, is_remarked: bool) -> tupl
         if number in chosen:
             values, kind, wrong = _read(choice, reading)
             if kind is not None and not is_remarked:
-                is_remarked = remark_on_factors(kind, report, choice)
+                is_remarked = remark_on_factors(kind, choice, report)
             if wrong:
-                place_changes(choice, report)
-                report.extend(wrong, f" (member {number}: {excerpt(choice.label, 200)})")
+                words = f" (member {number}: {excerpt(choice.label, 200)})"
+                report.extend(map(choice.placed, wrong), words)
                 told += 1
             if told == MOST_TOLD:
                 words = f"only the first {MOST_TOLD} are told; fix these and run again"
@@ -171,7 +165,7 @@ def _read(choice: Choice, reading: Reading) -> tuple[Mapping[str, Any], Kind | N
         values = {"problem": with_values(reading.values, choice.changes)}
         kind = OnlyProblem.model_validate(values, context=reading.context).problem
     except LookupError as error:
-        return {}, None, [Wrong(choice.key_place, str(error), of_key=True)]
+        return {}, None, [choice.lost(error)]
     except ValidationError as error:
         return {}, None, list(mistakes_of(error))
     resolved, keys = plain(kind), reading.keys
@@ -200,34 +194,31 @@ def _others_changed(
         yield Wrong(place, f"{', '.join(values)}: {error}; {words}", of_key=True)
 
 
-def remark_on_factors(kind: Kind, report: Report, choice: Choice | None = None) -> bool:
+def remark_on_factors(kind: Kind, choice: Choice, report: Report) -> bool:
     """Remark on negative damping factors, since a sign is easily wrong; whether there are any."""
-    found = list(_negative_factors(kind))
-    if found and choice is not None:
-        place_changes(choice, report)
-    for path, words in found:
-        place = report.document.place((*report.prefix, "problem", *path))
-        shown = ".".join(map(str, ("problem", *path)))
-        what = "such damping drives the motion, which grows"
-        _logger.warning("%s: %s: %s: %s", place, shown, words, what)
+    found = [choice.placed(one) for one in _negative_factors(kind)]
+    for one in found:
+        words = f"{one.message}: such damping drives the motion, which grows"
+        _logger.warning("%s", report.placed(one._replace(message=words)))
     return bool(found)
 
 
-def _negative_factors(kind: Kind) -> Iterator[tuple[KeyPath, str]]:
-    """Damping factors that feed energy into some direction, with their key paths."""
+def _negative_factors(kind: Kind) -> Iterator[Wrong]:
+    """Damping factors that feed energy into some direction."""
     for name in FORCE_LISTS:
         given = vars(kind).get(name, [])
         for index, term in enumerate(given if isinstance(given, list) else [given]):
-            place: KeyPath = (name, index) if isinstance(given, list) else (name,)
+            inner = (name, index) if isinstance(given, list) else (name,)
+            place: KeyPath = ("problem", *inner)
             for key in ("coefficient", "matrix"):
                 factor = vars(term).get(key)
                 if isinstance(factor, float):
                     if factor < 0:
-                        yield (*place, key), f"{factor:g} is negative"
+                        yield Wrong((*place, key), f"{factor:g} is negative")
                 elif factor is not None:
                     form = factor.form if isinstance(factor, MatrixFile) else np.array(factor)
                     if not is_semidefinite(form):
-                        yield (*place, key), "the matrix has a negative eigenvalue"
+                        yield Wrong((*place, key), "the matrix has a negative eigenvalue")
 
 
 def resolved_members(keys: MemberKeys, members: tuple[Member, ...]) -> dict[str, Any]:

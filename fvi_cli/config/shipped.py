@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 from pathlib import Path
 
-from fvi_cli.errors import RequestError, excerpt, listed, nearest, suggestion
-
-SUFFIXES = (".yaml", ".yml")
+from fvi_cli.errors import RequestError, excerpt, listed, suggestion
 
 PAGE_GROUPS = ("tutorial", "how-to", "reference", "explanation")
 """Groups of pages: the first is a page next to the folders, each other group is a folder."""
@@ -32,26 +31,14 @@ def _title(path: Path) -> str:
 
 def find_config(name: str) -> Path:
     """The file of a given name: a path if it exists, otherwise a shipped configuration."""
-    shown, path, known = excerpt(name, 200), Path(name), shipped_configs()
-    try:
-        if path.is_file():
-            return path
-        is_folder = path.is_dir()
-        neighbours = sorted(str(one) for one in path.parent.glob("*.y*ml"))
-    except (OSError, ValueError):
-        is_folder, neighbours = False, []
-    plain = next((name.removesuffix(s) for s in SUFFIXES if name.endswith(s)), name)
+    with contextlib.suppress(OSError, ValueError):
+        if Path(name).is_file():
+            return Path(name)
+    plain, known = name.removesuffix(".yaml"), shipped_configs()
     if plain in known:
         return _folder() / f"{plain}.yaml"
-    if is_folder:
-        raise RequestError(f"{shown}: a folder, not a configuration file")
-    # files are compared without their suffixes, which make all of them alike
-    names = {} if path.parent.name else {one: one for one in known}
-    names |= {str(Path(one).with_suffix("")): one for one in neighbours}
-    found = nearest(str(Path(plain)), names)
-    near = f"; did you mean {names[found]!r}?" if found else ""
-    words = f"{shown}: no such file, and no shipped configuration has this name"
-    raise RequestError(f"{words}{near}; `fvi list` lists them")
+    words = f"{excerpt(name, 200)}: no such file, and no shipped configuration has this name"
+    raise RequestError(f"{words}{suggestion(plain, known)}; `fvi list` lists them")
 
 
 def guide_pages() -> dict[str, dict[str, str]]:

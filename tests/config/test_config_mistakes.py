@@ -63,13 +63,6 @@ def complaints_about_named(text: str, source: str) -> tuple[str, ...]:
     return caught.value.complaints
 
 
-def test_at_most_a_hundred_complaints_are_printed():
-    text = VALID + "".join(f"unknown{i}: 1\n" for i in range(150))
-    lines = complaints_about(text)
-    assert len(lines) == 101
-    assert lines[-1] == "... and 50 more"
-
-
 class TestFiles:
     def test_not_utf_8(self, tmp_path):
         path = tmp_path / "f.yaml"

@@ -75,16 +75,6 @@ class TestFinding:
         with pytest.raises(RequestError, match="did you mean 'table-1'"):
             find_config(name)
 
-    @pytest.mark.parametrize("name", ["onw.yaml", "onw", "./onw.yaml"])
-    def test_the_nearest_file_is_suggested_by_its_stem(self, name, tmp_path, monkeypatch):
-        monkeypatch.chdir(tmp_path)
-        Path("own.yaml").write_text("name: mine")
-        with pytest.raises(RequestError, match=r"did you mean 'own\.yaml'"):
-            find_config(name)
-        with pytest.raises(RequestError) as caught:
-            find_config("absent.yaml")
-        assert "did you mean" not in str(caught.value)
-
     @pytest.mark.parametrize("name", ["", "a/b/c", "../configs/table-1", "x\x00y", "a" * 5000])
     def test_nothing_else_is_found(self, name, tmp_path, monkeypatch):
         monkeypatch.chdir(tmp_path)

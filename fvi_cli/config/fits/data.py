@@ -10,12 +10,13 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from fvi_cli.config.fits.keys import Data, FitKeys, ModelKeys, NoiseKeys, ParameterKeys
-from fvi_cli.config.members import Choice, place_changes
+from fvi_cli.config.members import Choice
 from fvi_cli.config.names import FORCE, names_along
 from fvi_cli.config.text.mistakes import Report
 from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.keys.mistakes import KeyPath, mistakes_of
 from fvi_cli.scenes.keys.values import plain
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.csv_samples import read_csv_samples
@@ -96,10 +97,9 @@ def _changed(
     except LookupError as error:
         report.add(str(error), "models", name, "set")
     except ValidationError as error:
-        whole = Report(report.document, report.prefix[:-1], report.found)
-        places = {path: ("fit", "models", name, "set", path) for path in changes}
-        place_changes(Choice(changes=changes, places=places), whole)
-        whole.validation(error)
+        places: dict[str, KeyPath] = {path: ("models", name, "set", path) for path in changes}
+        choice = Choice(changes=changes, places=places)
+        report.extend(map(choice.placed, mistakes_of(error)))
     return template
 
 

@@ -6,13 +6,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
-from pydantic import ValidationError
-
 from fvi_cli.config.text.tree import Document, Mistake, inside
 from fvi_cli.errors import ConfigError
-from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, mistakes_of, wrong_argument
-
-MOST_TOLD = 100
+from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong
 
 
 @dataclass
@@ -41,23 +37,17 @@ class Report:
     def extend(self, wrong: Iterable[Wrong], addition: str = "") -> None:
         """Mistakes, each followed by an addition."""
         for one in wrong:
-            path, message = (*self.prefix, *one.path), one.message + addition
-            self.found.append(self.document.placed(one._replace(path=path, message=message)))
+            self.found.append(self.placed(one._replace(message=one.message + addition)))
 
-    def argument(self, error: ValueError, *path: str | int) -> None:
-        """The error of a function at the key path that it names."""
-        self.extend([wrong_argument(error, *path)])
-
-    def validation(self, error: ValidationError) -> None:
-        """What pydantic found wrong."""
-        self.extend(mistakes_of(error))
+    def placed(self, wrong: Wrong) -> Mistake:
+        """A mistake with its place in the document."""
+        path = (*self.prefix, *wrong.path)
+        place = self.document.place(path, of_key=wrong.of_key, column=wrong.column)
+        return Mistake(place, path, wrong.message)
 
     def __len__(self) -> int:
         return len(self.found)
 
     def error(self) -> ConfigError:
         """An error with all mistakes, in the order of the text."""
-        lines = list(dict.fromkeys(map(str, sorted(self.found, key=lambda one: one.place))))
-        if len(lines) > MOST_TOLD:
-            lines = [*lines[:MOST_TOLD], f"... and {len(lines) - MOST_TOLD} more"]
-        return ConfigError(*lines)
+        return ConfigError(*dict.fromkeys(map(str, sorted(self.found, key=lambda one: one.place))))

@@ -15,7 +15,7 @@ from typing import Any, Final
 import yaml
 
 from fvi_cli.errors import printable
-from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong
+from fvi_cli.scenes.keys.mistakes import KeyPath
 
 LARGEST_TEXT: Final = 1_000_000  # characters
 DEEPEST_NESTING: Final = 50
@@ -95,20 +95,6 @@ class Document:
         while path and path not in self.places:
             path = path[:-1]
         return self.places.get(path, Place(self.source))
-
-    def placed(self, wrong: Wrong) -> Mistake:
-        """A mistake with its place."""
-        place = self.place(wrong.path, of_key=wrong.of_key, column=wrong.column)
-        return Mistake(place, wrong.path, wrong.message)
-
-    def move(self, path: KeyPath, other: KeyPath) -> None:
-        """Give what stands at a path the places of another path."""
-        self.forget(path)
-        depth = len(other)
-        for known in (self.places, self.key_places):
-            inner = {one: at for one, at in known.items() if one[:depth] == other}
-            known.update({(*path, *one[depth:]): at for one, at in inner.items()})
-        self.quoted |= {(*path, *one[depth:]) for one in self.quoted if one[:depth] == other}
 
     def forget(self, path: KeyPath) -> None:
         """Forget the places at a path and below."""
