@@ -75,8 +75,7 @@ def gradient(
     parameters
         For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
-        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``forcing.<parameter>``,
-        ``laws.0.order`` and similar; None: all of them.
+        ``laws.0.order`` and similar, and parameters of formulas by their own names; None: all.
         For a function its arguments with their values: they may change numbers with names, no
         numbers inside the text of formulas.
 
@@ -99,13 +98,9 @@ def gradient(
             f"{excerpt(repr(quantity))} is none; write fvi.position_at(time), "
             "fvi.quantity_at(expression, time) or fvi.misfit(times, data)",
         )
-    chosen = method_on(method, steps)
-    if not isinstance(chosen, Method):
-        raise ValueError(f"method: {chosen.label} keeps no polynomials; take a Gauss method")
     if isinstance(scene, Scene | Problem | Experiment):
-        own = _scene(scene).lagrangian or _scene(scene).potential
-        described = _described(scene, getattr(own, "parameters", {}))
-        entries = entries_of(described[0])
+        described = _described(scene, {})
+        entries = entries_of(*described)
         if parameters is not None:
             unknown = [name for name in parameters if name not in entries]
             if unknown or isinstance(parameters, Mapping):
@@ -124,7 +119,8 @@ def gradient(
         ]
     else:
         raise ValueError("parameters: give the arguments of the function with their values")
-    value, found = gradient_of(described[0], chosen, steps, quantity, changes, described[1])
+    own, names = described
+    value, found = gradient_of(own, method_on(method, steps), steps, quantity, changes, names)
     rates = iter(found.tolist())
     derivatives = {
         name: one.gathered([next(rates) for _ in one.indices]) for name, one in entries.items()
@@ -132,25 +128,20 @@ def gradient(
     return Gradient(value=value, derivatives=derivatives)
 
 
-def _scene(subject: Subject) -> Scene:
-    if isinstance(subject, Scene):
-        return subject
-    if isinstance(subject, Experiment) and subject.observations.impacts:
-        raise ValueError("impacts: a motion that bounces has no derivatives here")
-    problem = subject.problem if isinstance(subject, Experiment) else subject
-    if not isinstance(problem, Problem):
-        raise ValueError(f"kind: a derivative has no gradient: {problem.kind}")
-    return problem.scene
-
-
 def _described(subject: Subject, values: Mapping[str, float]) -> Described:
     """The scene, and the names in expressions; those of the motion hide arguments."""
-    scene = _scene(subject)
     problem: object = subject.problem if isinstance(subject, Experiment) else subject
-    names = Observations(coordinates=names_of(scene))
-    if isinstance(problem, Problem):
-        names = problem.names
+    if isinstance(problem, Scene):
+        scene, names = problem, Observations(coordinates=names_of(problem))
+        energy = scene.lagrangian or scene.potential
+        values = {**getattr(energy, "parameters", {}), **values}
+    elif isinstance(problem, Problem):
+        scene, names = problem.scene, problem.names
+    else:
+        raise ValueError("kind: a derivative has no gradient: it has no motion")
     if isinstance(subject, Experiment):
+        if subject.observations.impacts:
+            raise ValueError("impacts: a motion that bounces has no derivatives here")
         names = replace(names, quantities=subject.observations.quantities)
     taken = {*known_names(names.coordinates), *names.inputs, *FUNCTION_NAMES, "pi"}
     own = {name: value for name, value in values.items() if name not in taken}

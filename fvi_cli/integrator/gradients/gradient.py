@@ -14,7 +14,7 @@ from fvi_cli.integrator.gradients.linearised import LinearisedRun
 from fvi_cli.integrator.gradients.parameters import Parameter
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observe.request import Observations, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.integrator.steps import RunSteps
@@ -29,7 +29,7 @@ class RunFailedError(ValueError):
     """A run that stopped early, which has no derivatives."""
 
 
-def run_steps(scene: Scene, method: Method, steps: AnySteps) -> RunSteps:
+def run_steps(scene: Scene, method: AnyMethod, steps: AnySteps) -> RunSteps:
     """All steps of a run.
 
     Raises
@@ -49,7 +49,7 @@ def run_steps(scene: Scene, method: Method, steps: AnySteps) -> RunSteps:
 @np.errstate(all="ignore")
 def gradient_of(
     scene: Scene,
-    method: Method,
+    method: AnyMethod,
     steps: AnySteps,
     quantity: Quantity,
     parameters: Sequence[Parameter],
@@ -70,7 +70,9 @@ def gradient_of(
     """
     named = names or Observations(coordinates=names_of(scene))
     expression = quantity.expression(named, scene)
-    run = LinearisedRun(scene, method, run_steps(scene, method, steps))
+    done = run_steps(scene, method, steps)
+    assert isinstance(method, Method)
+    run = LinearisedRun(scene, method, done)
     values = Along(run, quantity.times, expression, named).values
     value, by_value = quantity.value(values), quantity.slopes(values)
     together = max(1, AT_ONCE // run.steps.velocity.size)

@@ -123,27 +123,21 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
     return {name: np.array(one, dtype=float) for name, one in found.items()}
 
 
-def entries_of(scene: Scene) -> dict[str, Entry]:
-    """The numbers of a scene that users may name; ``forcing.<parameter>`` in all formulas."""
-    numbers, together = numbers_of(scene), dict[str, list[str]]()
+def entries_of(scene: Scene, names: Observations | None = None) -> dict[str, Entry]:
+    """The numbers of a scene that users may name; parameters of formulas have their own names."""
+    numbers, together = numbers_of(scene, names), dict[str, list[str]]()
     for name in numbers:
         kind, _, rest = name.partition(".")
         last = rest.rpartition(".")[2]
-        if kind == "forcing" and last.isidentifier():
-            together.setdefault(f"forcing.{last}", []).append(name)
-        elif kind != "forcing" and (kind, last) != ("laws", "spring"):
+        if kind in ("potential", "lagrangian", "forcing", "inputs"):
+            if last.isidentifier():
+                together.setdefault(last, [f"names.{last}"]).append(name)
+        elif kind != "names" and (kind, last) != ("laws", "spring"):
             together[name] = [name]
-    named = dict[str, str]()
-    for name in together:
-        if name.startswith(("potential.", "lagrangian.", "forcing.")):
-            named.setdefault(name.partition(".")[2], name)
-    for last, name in named.items():
-        # the same name in expressions
-        together[name].append(f"names.{last}")
     return {
-        name: Entry(name=name, value=numbers[moved[0]], moved=moved)
+        name: Entry(name=name, value=numbers[moved[-1]], moved=moved)
         for name, moved in together.items()
-        # a name that has two values in the formulas of a force is no parameter
+        # a name that has two values in formulas is no parameter
         if len({numbers[one].tobytes() for one in moved if one in numbers}) == 1
     }
 

@@ -62,7 +62,8 @@ FRAME = {
         "storeys": 2,
         "stiffness": [30.0, 20.0],
         "dampers": [{"order": 0.5, "coefficient": 0.8}],
-        "ground_acceleration": "3*exp(-t)*sin(4*t)",
+        "parameters": {"w": 4.0},
+        "ground_acceleration": "3*exp(-t)*sin(w*t)",
         "final_time": 3.0,
     },
     "method": {"rk": "gauss", "degree": 8},
@@ -76,15 +77,17 @@ def test_quantities_of_an_experiment():
     changed = {**FRAME, "output": {"times": [1.3]}}
     (outcome,) = fvi.run(changed)
     stored = outcome.finished[0].trajectory.observed.quantities
-    names = ["damping.0.order", "stiffness"]
+    names = ["damping.0.order", "stiffness", "w"]
     for name in ("drift", "felt"):
         found = fvi.gradient(experiment, "gauss8", 16, fvi.quantity_at(name, 1.3), names)
         assert found.value == pytest.approx(float(stored[name][0]), rel=1e-9)
 
-        def of(order: float, name: str = name) -> Any:
+        def of(order: float, w: float) -> Any:
             dampers = [{"order": order, "coefficient": 0.8}]
-            return build_problem({**FRAME["problem"], "dampers": dampers})
+            changed = {"dampers": dampers, "parameters": {"w": w}}
+            return build_problem({**FRAME["problem"], **changed})
 
-        text = FRAME["quantities"][name]
-        again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), {"order": 0.5})
+        text, values = FRAME["quantities"][name], {"order": 0.5, "w": 4.0}
+        again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), values)
         assert again["order"] == pytest.approx(float(found["damping.0.order"]), rel=1e-9)
+        assert again["w"] == pytest.approx(float(found["w"]), rel=1e-9)
