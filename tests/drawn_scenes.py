@@ -88,18 +88,18 @@ def shape_of(kind: str, rng: Rng, n_steps: int) -> Shape:
 
 
 def force_of(shape: Shape, rng: Rng) -> Forcing:
-    def components(amplitude: float) -> tuple:
+    def piece(amplitude: float) -> ForcingPiece:
         shapes = ("cos({}*t)", "t", "sqrt(t)*cos({}*t)") if shape.d < LARGE else ("cos({}*t)",)
         texts = [
             f"{shape.scale * amplitude * rng.uniform(-1, 1)!r}*"
             + shapes[k % len(shapes)].format(k % 7 + 1)
             for k in range(shape.d)
         ]
-        return Forcing.from_text(*texts).pieces[0].components
+        return Forcing.from_text(*texts).pieces[0]
 
     h = shape.final_time / shape.n_steps
-    pieces = [ForcingPiece(components=components(0.6), until=h * end) for end in shape.breaks or ()]
-    return Forcing(pieces=(*pieces, ForcingPiece(components=components(1.0))))
+    pieces = [replace(piece(0.6), until=h * end) for end in shape.breaks or ()]
+    return Forcing(pieces=(*pieces, piece(1.0)))
 
 
 def scene_of(kind: str, shape: Shape, rng: Rng) -> Scene:

@@ -7,14 +7,14 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.sampled import FunctionForce, Interpolation, SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, set_arrays
 from fvi_cli.mathematics.expressions import Expression
 
 LARGEST_GAP = 10.0
@@ -23,63 +23,41 @@ LARGEST_GAP = 10.0
 ForceComponent = Expression | SampledForce | FunctionForce
 
 
-def formula_of(component: ForceComponent) -> Expression | None:
-    """The formula of a component: all of it, or the part that is added to samples or a function."""
-    return component if isinstance(component, Expression) else component.formula
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ForcingPiece:
-    """One piece of a force: d components in ``t``, valid up to and including `until`.
+    """One piece of a force, W s(t) of n functions of the time, up to and including `until`.
 
-    Expressions are smooth inside the piece. Samples may have knots there, at which one polynomial
+    Formulas are smooth inside the piece. Samples may have knots there, at which one polynomial
     follows another.
     """
 
-    components: tuple[ForceComponent, ...]
+    components: tuple[ForceComponent, ...]  # the functions s
     until: float = math.inf
+    # W, (d, n); None: there is one function for each coordinate, and equal ones are kept once
+    weights: Any = None
 
-    @cached_property
-    def distinct(self) -> tuple[tuple[ForceComponent, list[int]], ...]:
-        """Every different component once, with its places: large structures share a few."""
-        places: dict[int, list[int]] = {}
-        for index, component in enumerate(self.components):
-            places.setdefault(id(component), []).append(index)
-        return tuple((self.components[found[0]], found) for found in places.values())
+    def __post_init__(self) -> None:
+        weights = self.weights
+        if weights is None:
+            places = {one: place for place, one in enumerate(dict.fromkeys(self.components))}
+            weights = np.eye(len(places))[[places[one] for one in self.components]]
+            object.__setattr__(self, "components", tuple(places))
+        set_arrays(self, weights=weights)
 
-    def evaluate(self, time: Array) -> Array:
-        """The force at `time`, shape ``(...)`` to ``(..., d)``; `until` is not checked here."""
-        time = np.asarray(time, dtype=float)
-        result = np.empty((*time.shape, len(self.components)))
-        for component, places in self.distinct:
-            value = np.asarray(component.evaluate({"t": time}))
-            result[..., places] = value[..., None]
+    def evaluate(self, time: Array, rows: Array | None = None) -> Array:
+        """The force at `time`, shape ``(...)`` to ``(..., d)``; `until` is not checked here.
+
+        With `rows` combinations ``(c, d)`` of it, shape ``(..., c)``.
+        """
+        time, weights = np.asarray(time, dtype=float), self.weights
+        weights = weights if rows is None else rows @ weights
+        result = np.zeros((*time.shape, len(weights)))
+        for component, column in zip(self.components, weights.T, strict=True):
+            # a function may be infinite where it has no weight
+            if (places := column.nonzero()[0]).size:
+                value = np.asarray(component.evaluate({"t": time}))
+                result[..., places] += value[..., None] * column[places]
         return result
-
-    def combined(self, time: Array, rows: Array) -> Array:
-        """Combinations ``(c, d)`` of the components, from times ``(n,)`` to ``(n, c)``."""
-        weights = np.stack([rows[:, places].sum(axis=1) for _, places in self.distinct], axis=1)
-        result = np.zeros((time.size, len(rows)))
-        for column, row in enumerate(weights):
-            for weight, component in self._joined(row.tolist()):
-                result[:, column] += weight * component.evaluate({"t": time})
-        return result
-
-    def _joined(self, weights: Sequence[float]) -> list[tuple[float, ForceComponent]]:
-        """Weights and components of a combination; samples at equal times are joined to one."""
-        found: list[tuple[float, ForceComponent]] = []
-        totals: dict[tuple[int, bytes], SampledForce] = {}
-        for weight, (one, _) in zip(weights, self.distinct, strict=True):
-            if not weight:
-                continue
-            if not isinstance(one, SampledForce) or one.formula is not None:
-                found.append((weight, one))
-                continue
-            key, own = (one.order, one.knots.tobytes()), one.times(weight)
-            if other := totals.get(key):
-                own = replace(own, coefficients=other.coefficients + own.coefficients)
-            totals[key] = own
-        return [*found, *((1.0, one) for one in totals.values())]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -103,7 +81,7 @@ class Forcing:
             raise ArgumentError("forcing", f"until must increase from 0, got {ends[1:]}")
         if self.pieces[-1].until != math.inf:
             raise ArgumentError("forcing", "the last piece must not have an end")
-        if len({len(piece.components) for piece in self.pieces}) != 1:
+        if len({len(piece.weights) for piece in self.pieces}) != 1:
             raise ArgumentError("forcing", "all pieces must have the same number of components")
 
     @classmethod
@@ -144,9 +122,9 @@ class Forcing:
         )
         if beyond == "refuse":
             return cls(pieces=(ForcingPiece(components=components),))
-        zero = Expression.parse("0", variables=("t",))
         first = ForcingPiece(components=components, until=float(components[0].knots[-1]))
-        return cls(pieces=(first, ForcingPiece(components=(zero,) * len(components))))
+        nothing = ForcingPiece(components=(), weights=np.zeros((len(components), 0)))
+        return cls(pieces=(first, nothing))
 
     def cut(self, times: Sequence[float]) -> Forcing:
         """The same force with further break points."""
@@ -157,18 +135,23 @@ class Forcing:
             begin = piece.until
         return Forcing(pieces=tuple(pieces))
 
+    def along(self, directions: Array) -> Forcing:
+        """The force D f(t) of directions D, ``(d, c)``, by a force of c components."""
+        pieces = [replace(one, weights=directions @ one.weights) for one in self.pieces]
+        return Forcing(pieces=tuple(pieces))
+
     def plus(self, formulas: Sequence[Expression]) -> Forcing:
         """The sum of the force and d expressions in ``t``."""
         pieces = []
-        for piece in self.pieces:
-            total = tuple(a.plus(b) for a, b in zip(piece.components, formulas, strict=True))
-            pieces.append(replace(piece, components=total))
+        for one in self.pieces:
+            weights = np.hstack([one.weights, np.eye(self.dimension)])
+            pieces.append(replace(one, components=(*one.components, *formulas), weights=weights))
         return Forcing(pieces=tuple(pieces))
 
     @property
     def dimension(self) -> int:
         """Number d of degrees of freedom."""
-        return len(self.pieces[0].components)
+        return len(self.pieces[0].weights)
 
     @cached_property
     def break_points(self) -> tuple[float, ...]:
@@ -177,19 +160,18 @@ class Forcing:
 
     @property
     def components(self) -> tuple[ForceComponent, ...]:
-        """The components of all pieces, each different one once per piece."""
-        return tuple(one for piece in self.pieces for one, _ in piece.distinct)
+        """The functions of all pieces."""
+        return tuple(one for piece in self.pieces for one in piece.components)
 
     @property
     def has_functions(self) -> bool:
-        """Whether a component is a Python function, which has no formula to examine."""
+        """Whether one is a Python function, which has no formula to examine."""
         return any(isinstance(one, FunctionForce) for one in self.components)
 
     @property
     def samples(self) -> tuple[SampledForce, ...]:
         """Its components that are given by samples."""
-        every = (c for piece in self.pieces for c in piece.components)
-        return tuple(c for c in every if isinstance(c, SampledForce))
+        return tuple(one for one in self.components if isinstance(one, SampledForce))
 
     def objection(self, final_time: float) -> str:
         """Why the force is not allowed up to a time; empty if it is allowed.
@@ -199,7 +181,7 @@ class Forcing:
         slack = 1e-9 * final_time
         for begin, piece in zip((0.0, *self.break_points), self.pieces, strict=True):
             end = min(piece.until, final_time)
-            samples = [one for one, _ in piece.distinct if isinstance(one, SampledForce)]
+            samples = [one for one in piece.components if isinstance(one, SampledForce)]
             for one in samples if begin < end else ():
                 first, last = float(one.knots[0]), float(one.knots[-1])
                 if first > begin + slack or last < end - slack:
@@ -233,12 +215,8 @@ class Forcing:
 
     def is_constant(self, value: Array) -> bool:
         """Whether it is the same vector ``(d,)`` at all times."""
-        return all(
-            isinstance(one, Expression)
-            and one.is_constant
-            and (value[places] == one.evaluate({})).all()
-            for piece in self.pieces
-            for one, places in piece.distinct
+        return all(isinstance(one, Expression) and one.is_constant for one in self.components) and (
+            all((piece.evaluate(np.zeros(())) == value).all() for piece in self.pieces)
         )
 
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
@@ -255,29 +233,24 @@ class Forcing:
             times = times + np.where((offsets == 0.0) | (offsets == 1.0), inside, 0.0)
         return self._by_pieces(times, which)
 
-    def __call__(self, time: Array) -> Array:
-        """F at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece."""
-        time = np.asarray(time, dtype=float)
-        return self._by_pieces(time, np.searchsorted(np.array(self.break_points), time))
+    def __call__(self, time: Array, rows: Array | None = None) -> Array:
+        """F at `time`, shape ``(...)`` to ``(..., d)``; at a break point the earlier piece.
 
-    def combined(self, time: Array, rows: Array) -> Array:
-        """Combinations ``(c, d)`` of F at times ``(n,)``, shape ``(n, c)``; else as F itself."""
-        result = np.empty((time.size, len(rows)))
+        With `rows` combinations ``(c, d)`` of it, shape ``(..., c)``.
+        """
+        time = np.asarray(time, dtype=float)
         which = np.searchsorted(np.array(self.break_points), time)
-        for index in np.unique(which):
-            chosen = which == index
-            result[chosen] = self.pieces[int(index)].combined(time[chosen], rows)
-        return result
+        return self._by_pieces(time, which, rows)
 
     @cached_property
     def _jumps_at_knots(self) -> bool:
         return any(one.order == 1 for one in self.samples)
 
-    def _by_pieces(self, time: Array, which: NDArray[np.intp]) -> Array:
+    def _by_pieces(self, time: Array, which: NDArray[np.intp], rows: Array | None = None) -> Array:
         if which.size and (which == which.flat[0]).all():
-            return self.pieces[int(which.flat[0])].evaluate(time)
-        result = np.empty((*time.shape, self.dimension))
+            return self.pieces[int(which.flat[0])].evaluate(time, rows)
+        result = np.empty((*time.shape, self.dimension if rows is None else len(rows)))
         for index in np.unique(which):
             chosen = which == index
-            result[chosen] = self.pieces[int(index)].evaluate(time[chosen])
+            result[chosen] = self.pieces[int(index)].evaluate(time[chosen], rows)
         return result

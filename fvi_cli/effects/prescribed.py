@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
+from fvi_cli.effects.forcing import ForceComponent, Forcing
 from fvi_cli.effects.sampled import FunctionForce, SampledForce
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
@@ -80,7 +80,7 @@ class PrescribedMotion:
     def rate(self) -> Forcing:
         """The derivative u'(t), as a function of the same pieces."""
         pieces = [
-            ForcingPiece(components=(_rate_of(piece.components[0]),), until=piece.until)
+            replace(piece, components=tuple(map(_rate_of, piece.components)))
             for piece in self.displacement.pieces
         ]
         return Forcing(pieces=tuple(pieces))
@@ -88,8 +88,6 @@ class PrescribedMotion:
 
 def _rate_of(component: ForceComponent) -> ForceComponent:
     if isinstance(component, SampledForce):
-        if component.formula is not None:
-            raise ArgumentError("displacement", "give a formula or samples, not both")
         powers = np.arange(component.order - 1, 0, -1)[:, None]
         return replace(component, coefficients=powers * component.coefficients[:-1])
     if not isinstance(component, Expression):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Final, Literal, Self
+from dataclasses import dataclass
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array, set_arrays
-from fvi_cli.mathematics.expressions import Expression
 
 Interpolation = Literal["linear", "cubic", "previous"]
 
@@ -21,23 +20,7 @@ INTERPOLATION_ORDERS: Final[Mapping[str, int]] = {"linear": 2, "cubic": 4, "prev
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _WithFormula:
-    """A component of a force to which an expression in t may be added."""
-
-    formula: Expression | None = None  # None: no expression is added
-
-    def plus(self, formula: Expression) -> Self:
-        """The force plus an expression in t."""
-        return replace(self, formula=self.formula.plus(formula) if self.formula else formula)
-
-    def _with_formula(self, found: Array, time: Array) -> Array:
-        if self.formula is None:
-            return found
-        return np.asarray(found + self.formula.evaluate({"t": time}))
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class SampledForce(_WithFormula):
+class SampledForce:
     r"""One component of a force as a piecewise polynomial through samples.
 
     .. math:: f(t) = \sum_{j=0}^{p-1} c_{jk} (t - t_k)^{p-1-j}, \qquad t_k \le t \le t_{k+1}
@@ -96,20 +79,10 @@ class SampledForce(_WithFormula):
         return int(self.coefficients.shape[0])
 
     @property
-    def text(self) -> str:
-        """What the component is called in messages."""
-        return self.source if self.formula is None else f"{self.source} + {self.formula.text}"
-
-    @property
     def is_constant(self) -> bool:
         """Whether the force is the same at all times."""
         *moving, still = self.coefficients
-        return self.formula is None and not np.any(moving) and bool(np.ptp(still) == 0)
-
-    def times(self, factor: float) -> SampledForce:
-        """The force times a number."""
-        formula = self.formula and self.formula.times(factor)
-        return replace(self, coefficients=factor * self.coefficients, formula=formula)
+        return not np.any(moving) and bool(np.ptp(still) == 0)
 
     def evaluate(self, names: Mapping[str, Any]) -> Array:
         """The force at the times under ``t``.
@@ -124,28 +97,17 @@ class SampledForce(_WithFormula):
         values = self.coefficients[0, pieces]
         for row in self.coefficients[1:]:
             values = values * offset + row[pieces]
-        return self._with_formula(np.asarray(values), time)
+        return np.asarray(values)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class FunctionForce(_WithFormula):
-    """One component of a force as a function of the time, with an expression in t added."""
+class FunctionForce:
+    """One component of a force as a function of the time."""
 
     # from times of any shape to the force, in the same shape; smooth between the break points of
     # the forcing
     function: Callable[[Array], Array]
-    factor: float = 1.0  # what it is multiplied by
     is_constant = False  # as far as is known of a function
-
-    @property
-    def text(self) -> str:
-        """What the component is called in messages."""
-        return str(getattr(self.function, "__name__", "a function"))
-
-    def times(self, factor: float) -> FunctionForce:
-        """The force times a number."""
-        formula = self.formula and self.formula.times(factor)
-        return replace(self, factor=factor * self.factor, formula=formula)
 
     def evaluate(self, names: Mapping[str, Any]) -> Array:
         """The force at the times under ``t``.
@@ -158,8 +120,9 @@ class FunctionForce(_WithFormula):
         time = np.asarray(names["t"], dtype=float)
         values = np.asarray(self.function(time))
         if values.shape not in (time.shape, ()) or values.dtype.kind not in "fiu":
+            name = getattr(self.function, "__name__", "a function")
             raise ExpressionError(
-                f"{self.text}: it gives {values.dtype} of shape {values.shape} for times of shape "
+                f"{name}: it gives {values.dtype} of shape {values.shape} for times of shape "
                 f"{time.shape}; it must give a number for each"
             )
-        return self._with_formula(self.factor * np.broadcast_to(values, time.shape), time)
+        return np.asarray(np.broadcast_to(values, time.shape), dtype=float)

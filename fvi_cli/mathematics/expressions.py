@@ -49,7 +49,7 @@ class Expression:
     """A formula in declared variables, as data.
 
     Two expressions are equal when text, variables, constants and programs are. Build one with
-    :meth:`parse`, or from others with :meth:`plus` and :meth:`times`.
+    :meth:`parse`.
     """
 
     text: str  # the text as given
@@ -86,14 +86,6 @@ class Expression:
         written = text if isinstance(text, str) else repr(_finite(text))
         return cls(written, tuple(variables), tuple(sorted((constants or {}).items())))
 
-    @classmethod
-    def of_number(
-        cls, value: float, name: str = "value'", variables: Sequence[str] = ()
-    ) -> Expression:
-        """A number as a constant with a name, by which programs are differentiated."""
-        system = FormulaSystem(instructions=(("variable", name),), outputs=(0,))
-        return cls(repr(_finite(value)), tuple(variables), ((name, float(value)),), system)
-
     @property
     def bound(self) -> FormulaSystem:
         """The program with the constants as numbers, for those who look at powers and factors."""
@@ -113,37 +105,6 @@ class Expression:
     def is_constant(self) -> bool:
         """Whether no variable occurs."""
         return not self.names
-
-    def plus(self, other: Expression) -> Expression:
-        """The sum of two formulas."""
-        return self._with("+", f"({self.text}) + ({other.text})", other)
-
-    def times(self, factor: float) -> Expression:
-        """The formula times a number."""
-        name = "factor'"
-        while name in dict(self.constants):
-            name += "'"
-        return self._with("*", f"({factor!r})*({self.text})", Expression.of_number(factor, name))
-
-    def _with(self, kind: str, text: str, other: Expression) -> Expression:
-        own, theirs = dict(self.constants), dict(other.constants)
-        # a name that means something else in the other formula becomes a number
-        mine = {name: own[name] for name in own if name in other.variables}
-        fixed = {
-            name: value
-            for name, value in theirs.items()
-            if name in self.variables or own.get(name, value) != value
-        }
-        builder = Builder()
-        (left,), (right,) = builder.include(self.system, mine), builder.include(other.system, fixed)
-        kept = {name: value for name, value in theirs.items() if name not in fixed}
-        kept |= {name: value for name, value in own.items() if name not in mine}
-        return Expression(
-            text,
-            tuple(dict.fromkeys((*self.variables, *other.variables))),
-            tuple(sorted(kept.items())),
-            builder.system([builder.apply(kind, left, right)]),
-        )
 
     def expand(self, formulas: Mapping[str, Expression]) -> Expression:
         """The formula with variables replaced by formulas, given by the names of the variables."""

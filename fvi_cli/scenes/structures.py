@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field, TypeAdapter
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import (
     Factored,
     Form,
@@ -166,23 +166,12 @@ def structure(
         term = rayleigh_damping(m, k, rayleigh)
         data["damping"] = (*data.get("damping", ()), term)
     if ground_acceleration is not None:
-        along = times(ground_shares(ground_direction, size), m)
-        data["forcing"] = _ground_force(ground_acceleration, along)
+        ground = given_force(ground_acceleration, "ground_acceleration")
+        if ground is None or ground.dimension != 1:
+            raise ArgumentError("ground_acceleration", "the ground has one component")
+        data["forcing"] = ground.along(-times(ground_shares(ground_direction, size), m)[:, None])
     potential = QuadraticPotential(stiffness=k)
     return make_scene(m, potential if entries(potential.form).any() else None, **data)
-
-
-def _ground_force(acceleration: Forcing | str, masses: Array) -> Forcing:
-    r"""The force :math:`-m_i a(t)` on every coordinate, in ones that move with the ground."""
-    force = given_force(acceleration, "ground_acceleration")
-    if force is None or force.dimension != 1:
-        raise ArgumentError("ground_acceleration", "the ground has one component")
-    pieces = []
-    for piece in force.pieces:
-        by_mass = {m: piece.components[0].times(-m) for m in set(masses.tolist())}
-        components = tuple(by_mass[m] for m in masses.tolist())
-        pieces.append(ForcingPiece(components=components, until=piece.until))
-    return Forcing(pieces=tuple(pieces))
 
 
 def ground_shares(direction: ArrayLike | Vector | Mapping[str, Any], size: int) -> Array:

@@ -12,23 +12,12 @@ def test_combinations_are_those_of_the_components_on_every_piece():
     lines, other = (SampledForce.through(knots, rng.normal(size=21), "linear") for _ in range(2))
     curve = SampledForce.through(knots, rng.normal(size=21), "cubic")
     wave = Expression.parse("sin(3*t)", variables=("t",))
-    mixed = (
-        lines,
-        wave,
-        other,
-        curve,
-        lines.times(2.0).plus(wave),
-        FunctionForce(function=np.exp),
-    )
-    force = Forcing(
-        pieces=(
-            ForcingPiece(components=mixed, until=1.05),
-            ForcingPiece(components=(wave, *[lines] * 5)),
-        )
-    )
+    mixed = (lines, wave, other, curve, FunctionForce(function=np.exp))
+    first = ForcingPiece(components=mixed, weights=rng.normal(size=(6, 5)), until=1.05)
+    force = Forcing(pieces=(first, ForcingPiece(components=(wave, *[lines] * 5))))
     times, rows = np.append(rng.uniform(0.0, 2.0, 50), 1.05), rng.normal(size=(3, 6))
     rows[1] = [0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
-    found = force.combined(times, rows)
+    found = force(times, rows)
     np.testing.assert_allclose(found, force(times) @ rows.T, rtol=0, atol=1e-13)
 
 
@@ -37,5 +26,5 @@ def test_a_component_without_weight_is_not_evaluated():
         raise AssertionError(time)
 
     force = Forcing.from_functions(np.cos, refuse)
-    found = force.combined(np.array([0.0, 1.0]), np.array([[2.0, 0.0]]))
+    found = force(np.array([0.0, 1.0]), np.array([[2.0, 0.0]]))
     np.testing.assert_allclose(found[:, 0], [2.0, 2.0 * np.cos(1.0)], rtol=1e-15)

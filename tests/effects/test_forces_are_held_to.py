@@ -1,10 +1,9 @@
-"""Forces that would be taken beyond their samples are refused; constants beside samples."""
+"""Forces that would be taken beyond their samples are refused."""
 
 import numpy as np
 import pytest
 
-from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.sampled import SampledForce
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.mathematics.expressions import Expression, slopes_of
 from fvi_cli.scenes.structures import linear_oscillator
 
@@ -22,18 +21,6 @@ def test_samples_must_reach_to_the_end(scale):
     linear_oscillator(final_time=2.0 * scale * (1 + 1e-12), forcing=refused)
     ended = Forcing.from_samples(time, np.cos(time / scale), beyond="zero")
     linear_oscillator(final_time=2.5 * scale, forcing=ended)
-
-
-@pytest.mark.parametrize("name", ["e", "omega", "t0"])
-def test_constants_of_formulas_beside_samples_are_kept(name):
-    samples = SampledForce.through([0.0, 1.0, 2.0], [1.0, 2.0, 4.0], "linear")
-    force = samples.plus(Expression.parse(f"{name}*t", ("t",), {name: 5.0}))
-    other = Expression.parse(f"{name} + 0*t", ("t",), {name: -1.0})
-    time = np.array([0.5, 1.5])
-    with_both = force.times(-2.0).plus(other)
-    piece = ForcingPiece(components=(with_both,))
-    expected = -2.0 * (np.array([1.5, 3.0]) + 5.0 * time) - 1.0
-    np.testing.assert_allclose(piece.evaluate(time)[:, 0], expected, rtol=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -44,16 +44,6 @@ def test_the_spline_has_two_continuous_derivatives_and_gives_cubics_back():
     assert np.abs(at(lines, time) - cubic(time)).max() > 0.1
 
 
-def test_factors_and_formulas_are_added_up():
-    force = SampledForce.through(TIME, VALUES, "linear")
-    formula = Expression.parse("t**2", ("t",))
-    both = force.times(2.0).plus(formula).plus(formula).times(-1.0)
-    time = np.linspace(0.0, 2.0, 11)
-    np.testing.assert_allclose(at(both, time), -2 * at(force, time) - 2 * time**2, atol=1e-13)
-    assert not both.is_constant
-    assert SampledForce.through(TIME, 0 * VALUES + 3, "linear").is_constant
-
-
 def test_knots_are_no_break_points():
     force = SampledForce.through(TIME, VALUES, "linear")
     other = Expression.parse("t", ("t",))

@@ -262,10 +262,10 @@ def _jumps(forcing: Forcing | None) -> list[tuple[float, list[tuple[Powers, floa
     """Transforms of what begins at a time, by components, each with the frequency of a wave."""
     if forcing is None:
         return []
-    before: list[Powers] = [{}] * len(forcing.pieces[0].components)
+    before: list[Powers] = [{}] * forcing.dimension
     found = []
     for begin, piece in zip((0.0, *forcing.break_points), forcing.pieces, strict=True):
-        texts = [getattr(one, "text", "samples") for one in piece.components]
+        texts = [_text(row, piece.components) for row in piece.weights.tolist()]
         waves = [WAVE.fullmatch(text) for text in texts]
         now = [
             {} if wave else _powers(ast.parse(text, mode="eval").body)
@@ -279,6 +279,12 @@ def _jumps(forcing: Forcing | None) -> list[tuple[float, list[tuple[Powers, floa
         found.append((begin, jumps))
         before = now
     return found
+
+
+def _text(weights: Sequence[float], components: Sequence[Any]) -> str:
+    """The sum of functions with weights as text."""
+    pairs = zip(weights, (getattr(one, "text", "samples") for one in components), strict=True)
+    return " + ".join(text if w == 1 else f"({w!r})*({text})" for w, text in pairs if w) or "0"
 
 
 def _transform(new: Powers, old: Powers, begin: float) -> Powers:

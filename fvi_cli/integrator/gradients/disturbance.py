@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, Forcing, formula_of
-from fvi_cli.effects.sampled import FunctionForce, SampledForce
+from fvi_cli.effects.forcing import ForceComponent, Forcing
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
@@ -99,23 +99,22 @@ def rate_of_forcing(forcing: Forcing | None, one: Parameter, prefix: str) -> For
         return None
     pieces = []
     for number, piece in enumerate(forcing.pieces):
-        every = enumerate(piece.components)
-        rates = [(own, one.under(f"{prefix}.{number}.{index}.")) for index, own in every]
-        pieces.append(replace(piece, components=tuple(_rate_of_component(*pair) for pair in rates)))
+        place, every = f"{prefix}.{number}", enumerate(piece.components)
+        rates = [_rate_of_component(own, one.under(f"{place}.{index}.")) for index, own in every]
+        by_weights = np.zeros_like(piece.weights) + one.of(f"{place}.weights'")
+        weights = np.hstack([by_weights, piece.weights])
+        pieces.append(replace(piece, components=(*piece.components, *rates), weights=weights))
     return Forcing(pieces=tuple(pieces))
 
 
 def _rate_of_component(component: ForceComponent, rates: Mapping[str, Any]) -> ForceComponent:
-    formula = formula_of(component) or Expression.parse("0", variables=("t",))
-    system, values = _rate_of(formula.system, dict(formula.constants), rates)
+    if isinstance(component, SampledForce) and rates:
+        return replace(component, coefficients=rates["coefficients'"])
+    if not (isinstance(component, Expression) and rates):
+        return Expression.parse("0", variables=("t",))
+    system, values = _rate_of(component.system, dict(component.constants), rates)
     known = tuple(sorted(values.items()))
-    changed = Expression("the derivative of a force", ("t",), known, system=system)
-    if isinstance(component, SampledForce):
-        own = np.zeros_like(component.coefficients) + rates.get("coefficients'", 0.0)
-        return replace(component, coefficients=own, formula=changed)
-    if isinstance(component, FunctionForce):
-        return replace(component, factor=float(rates.get("factor'", 0.0)), formula=changed)
-    return changed
+    return Expression("the derivative of a force", ("t",), known, system=system)
 
 
 def _rate_of(

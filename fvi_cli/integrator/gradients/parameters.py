@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.damping import MatrixForce
-from fvi_cli.effects.forcing import ForceComponent, formula_of
+from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import QuadraticPotential
-from fvi_cli.effects.sampled import FunctionForce, SampledForce
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.mathematics.arrays import Array
@@ -112,14 +112,13 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
         found |= {f"laws.{k}.{name}": o for name, o in (parts | vars(law.kernel)).items()}
     found |= {name: getattr(scene, name) for name in ("initial_position", "initial_velocity")}
     found |= {f"names.{name}": one for name, one in (names.parameters if names else {}).items()}
-    for place, one in _components(scene, names):
-        formula = formula_of(one)
-        found |= {f"{place}.{name}": v for name, v in (formula.constants if formula else ())}
+    for place, piece in _pieces(scene, names):
         # a prime marks what has no name for users
-        if isinstance(one, SampledForce):
-            found[f"{place}.coefficients'"] = one.coefficients
-        if isinstance(one, FunctionForce):
-            found[f"{place}.factor'"] = one.factor
+        found[f"{place}.weights'"] = piece.weights
+        for index, one in enumerate(piece.components):
+            if isinstance(one, SampledForce):
+                found[f"{place}.{index}.coefficients'"] = one.coefficients
+            found |= {f"{place}.{index}.{name}": v for name, v in getattr(one, "constants", ())}
     return {name: np.array(one, dtype=float) for name, one in found.items()}
 
 
@@ -172,11 +171,13 @@ def _form(scene: Scene, names: Observations) -> tuple[object, ...]:
     found += [getattr(own, part, None) for part in ("value", "gradient_system", "functions")]
     found += scene.break_points
     if scene.prescribed:
-        found += [one.text for one in scene.prescribed.displacement.components]
-    for place, one in _components(scene, names):
-        formula = formula_of(one)
-        knots = one.knots.tobytes() if isinstance(one, SampledForce) else b""
-        found += [place, formula and formula.system, getattr(one, "function", None), knots]
+        moving = scene.prescribed.displacement.components
+        found += [getattr(one, "text", None) for one in moving]
+    for place, piece in _pieces(scene, names):
+        found.append(place)
+        for one in piece.components:
+            found += [getattr(one, part, None) for part in ("system", "function")]
+            found.append(one.knots.tobytes() if isinstance(one, SampledForce) else b"")
     return (*found, {name: one.shape for name, one in numbers_of(scene, names).items()})
 
 
@@ -187,14 +188,13 @@ def energy_of(scene: Scene) -> tuple[str, Any]:
     return "potential", scene.potential
 
 
-def _components(scene: Scene, names: Observations | None) -> Iterator[tuple[str, ForceComponent]]:
-    """Components of the forcing and of inputs in expressions, with the beginning of their names."""
+def _pieces(scene: Scene, names: Observations | None) -> Iterator[tuple[str, ForcingPiece]]:
+    """Pieces of the forcing and of inputs in expressions, with the beginning of their names."""
     inputs = {} if names is None else names.inputs
     every = {"forcing": scene.forcing} | {f"inputs.{name}": one for name, one in inputs.items()}
     for prefix, forcing in every.items():
         for number, piece in enumerate(forcing.pieces if forcing else ()):
-            for index, component in enumerate(piece.components):
-                yield f"{prefix}.{number}.{index}", component
+            yield f"{prefix}.{number}", piece
 
 
 def moved(scene: Scene, numbers: Mapping[str, Array]) -> Scene:

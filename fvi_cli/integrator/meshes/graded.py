@@ -23,11 +23,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForceComponent, formula_of
+from fvi_cli.effects.forcing import ForceComponent
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, ForcingQuadrature
+from fvi_cli.mathematics.expressions import Expression
 
 WINDOW_SHARE = 4
 """The window has one of this many steps of a part between break points."""
@@ -195,7 +196,7 @@ def force_power(scene: Scene, *, at_start: bool) -> float | None:
     found = [
         _power_of(component, at)
         for piece, at in zip(pieces[chosen], ends[chosen], strict=True)
-        for component, _ in piece.distinct
+        for component in piece.components
     ]
     return min((one for one in found if one is not None), default=None)
 
@@ -203,10 +204,9 @@ def force_power(scene: Scene, *, at_start: bool) -> float | None:
 @lru_cache(maxsize=256)
 def _power_of(component: ForceComponent, at: float) -> float | None:
     """Least fractional power by the roots in a formula, wherever their arguments vanish."""
-    formula = formula_of(component)
-    if formula is None:
+    if not isinstance(component, Expression):
         return UNKNOWN_FORCE if isinstance(component, FunctionForce) else None
-    instructions = (formula.bound.instructions[place] for place in formula.bound.needed)
+    instructions = (component.bound.instructions[place] for place in component.bound.needed)
     powers = [
         abs(float(rest[1])) if kind == "**" else _ROOTS.get(str(kind), 1.0)
         for kind, *rest in instructions
@@ -215,7 +215,7 @@ def _power_of(component: ForceComponent, at: float) -> float | None:
     if not powers:
         return None
     with np.errstate(all="ignore"):
-        is_bounded = not np.isinf(formula.evaluate({"t": np.array([at])})).any()
+        is_bounded = not np.isinf(component.evaluate({"t": np.array([at])})).any()
     return min(powers) if is_bounded else -max(powers)
 
 

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from fvi_cli.effects.forcing import Forcing, formula_of
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.forces import Places, StepForces, StepPath
@@ -45,7 +45,7 @@ class SampledFormula:
     """A formula of the time in one piece of a force."""
 
     formula: Expression
-    components: list[int]  # that it acts on
+    weights: Array  # of its force on every coordinate, (d,)
     times: Array  # of the samples in the piece, ascending, and the values there
     values: Array
     kept: Integers  # numbers of the samples that are left where most are told by a spline
@@ -58,9 +58,8 @@ def sample_forcing(forcing: Forcing, final_time: float) -> tuple[SampledFormula,
     for piece in forcing.pieces:
         end = min(piece.until, final_time)
         inside = spacing * (np.arange(round(begin / spacing), round(end / spacing)) + 0.5)
-        for component, places in piece.distinct:
-            formula = formula_of(component)
-            if formula is None or not may_hide(formula.bound):
+        for formula, weights in zip(piece.components, piece.weights.T, strict=True):
+            if not isinstance(formula, Expression) or not may_hide(formula.bound):
                 continue
             with np.errstate(all="ignore"):
                 values = np.broadcast_to(formula.evaluate({"t": inside}), inside.shape)
@@ -68,7 +67,7 @@ def sample_forcing(forcing: Forcing, final_time: float) -> tuple[SampledFormula,
             found.append(
                 SampledFormula(
                     formula=formula,
-                    components=places,
+                    weights=weights,
                     times=times,
                     values=values,
                     kept=_not_told(times, values),
@@ -126,9 +125,7 @@ class Looks:
             )
             told = seen @ self._basis.values((one.times[at] - t) / h)
             off = np.abs(one.values[at] - told)
-            impulse = np.zeros(path.position.size)
-            impulse[one.components] = spacing * _far_off(off, np.median(off[usual]))
-            yield impulse
+            yield spacing * _far_off(off, np.median(off[usual])) * np.abs(one.weights)
 
     def _along(self, path: StepPath, at_stages: Array) -> Array:
         """Impulses of forces of the motion, along its own path, ``(d,)``."""
@@ -153,8 +150,8 @@ def formulas_of(scene: Scene) -> Iterator[FormulaSystem]:
     if scene.lagrangian is not None:
         yield scene.lagrangian.first
     for component in () if scene.forcing is None else scene.forcing.components:
-        if (formula := formula_of(component)) is not None:
-            yield formula.bound
+        if isinstance(component, Expression):
+            yield component.bound
 
 
 def has_kinks(scene: Scene) -> bool:

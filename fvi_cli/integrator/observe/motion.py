@@ -207,7 +207,7 @@ class Motion:
         for member, own in self.by_member(steps):
             scene, row = self.scenes[member], rows[member]
             if scene.forcing is not None:
-                found[own] += scene.forcing.combined(time[own], row)
+                found[own] += scene.forcing(time[own], row)
             if scene.potential is not None and not scene.is_linear:
                 components = np.flatnonzero(row.any(axis=0))
                 used, gradient = self.kept(

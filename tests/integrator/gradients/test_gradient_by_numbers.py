@@ -97,11 +97,11 @@ def test_named_constants_pieces_and_factors_of_samples():
 
     def family(w: float, c: float, s: float) -> Scene:
         first = Expression.parse("sin(w*t)*c**3", ("t",), {"w": w, "c": c})
-        sampled = SampledForce.through(knots, samples, "linear").times(s)
-        later = sampled.plus(Expression.parse("e*t/w", ("t",), {"e": c, "w": w}))
+        sampled = SampledForce.through(knots, samples, "linear")
+        later = Expression.parse("e*t/w", ("t",), {"e": c, "w": w})
         pieces = (
             ForcingPiece(components=(first,), until=25.0),
-            ForcingPiece(components=(later,)),
+            ForcingPiece(components=(sampled, later), weights=[[s, 1.0]]),
         )
         return linear_oscillator(final_time=60.0, forcing=Forcing(pieces=pieces))
 
