@@ -44,6 +44,7 @@ class MatrixForce(MatrixEffect):
     factored: Factored | None = None  # the factors, if the matrix was given by them
     name: str = ""  # name of the force in formulas
     number: int = 0  # place among the dampers of a scene, from 1; forces with 0 come last
+    storeys: tuple[int, ...] = ()  # parts between which a damper stands, from 1; empty: all
     form: Form = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

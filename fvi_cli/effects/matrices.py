@@ -66,7 +66,6 @@ class Factored:
 
     rows: Array  # B, shape (r, d): the directions
     inner: Array  # C, symmetric, shape (r, r); a number stands for its multiple of the unit matrix
-    labels: tuple[int, ...] = ()  # numbers of the directions in names; empty: 1, 2, ...
 
     def __post_init__(self) -> None:
         count = len(self.rows)

@@ -10,12 +10,12 @@ from typing import Any, Final, Required, TypedDict, TypeVar, Unpack
 import numpy as np
 from numpy.typing import ArrayLike
 
-from fvi_cli.effects.damping import Coefficient, FractionalDamping
+from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import SparseMatrix
+from fvi_cli.effects.matrices import Factored, SparseMatrix
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -122,18 +122,23 @@ Effect = FractionalDamping | Law
 
 
 def with_dampers(
-    data: SceneData, dampers: Sequence[Effect], on: Callable[[float], Coefficient]
+    data: SceneData, dampers: Sequence[Effect], rows: Array, name: str = "dampers"
 ) -> SceneData:
-    """The data with dampers between parts after its other damping.
+    """The data with dampers on deformations B q of parts after its other damping.
 
-    Where the coefficient of a damper is a number c, `on(c)` takes its place.
+    A damper whose coefficient is a number acts on every part, or on those of its storeys.
     """
-    placed: list[Effect] = []
-    for one in dampers_of(dampers, "dampers"):
-        is_number = one.factored is None and one.dimension == 1
-        factor = on(float(one.matrix[0, 0])) if is_number else one.coefficient
-        placed.append(replace(one, coefficient=factor))
-    return {**data, "damping": (*dampers_of(data.get("damping", ()), "damping"), *placed)}
+    placed = list(dampers_of(data.get("damping", ()), "damping"))
+    for one in dampers_of(dampers, name):
+        if not set(one.storeys) <= set(range(1, len(rows) + 1)):
+            words = f"storey {max(one.storeys)} is not allowed; write 1 to {len(rows)}"
+            raise ArgumentError(name, words)
+        if one.factored is None and one.dimension == 1:
+            own = rows[[storey - 1 for storey in one.storeys]] if one.storeys else rows
+            placed.append(replace(one, coefficient=Factored(rows=own, inner=one.matrix[0, 0])))
+        else:
+            placed.append(one)
+    return {**data, "damping": placed}
 
 
 @scene_function

@@ -13,7 +13,7 @@ import numpy as np
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
 from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Factored, Form, dense
+from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -163,7 +163,7 @@ def double_pendulum(
         " + m2*l1*l2*vtheta1*vtheta2*cos(theta1 - theta2)"
         " + (m1 + m2)*g*l1*cos(theta1) + m2*g*l2*cos(theta2)",
         parameters={"m1": m1, "m2": m2, "l1": l1, "l2": l2, "g": gravity},
-        **with_dampers(data, joints, lambda c: Factored(rows=rows, inner=np.array(c))),
+        **with_dampers(data, joints, rows, "joints"),
     )
 
 

@@ -14,7 +14,6 @@ from pydantic import Field, TypeAdapter
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import (
-    Factored,
     Form,
     SparseMatrix,
     as_csc,
@@ -227,11 +226,6 @@ def _springs(rows: Array, stiffness: Array, *, sparse: bool = False) -> Form:
     return whole
 
 
-def _between(dampers: Sequence[Effect], rows: Array, data: SceneData) -> SceneData:
-    """The data with a damper parallel to every spring."""
-    return with_dampers(data, dampers, lambda c: Factored(rows=rows, inner=np.array(c)))
-
-
 @scene_function
 def chain(
     *,
@@ -248,7 +242,8 @@ def chain(
               + \sum_j \mu_j D^{\gamma_j} x_i = f_i(t),
 
     with :math:`x_0 = x_{n+1} = 0` at walls; at a free end there are no terms of the next mass.
-    `dampers` are terms and laws whose coefficients are numbers, one parallel to every spring.
+    `dampers` are terms and laws whose coefficients are numbers, parallel to every spring, or to
+    those of their ``storeys``.
     """
     if ends not in ("both", "left", "none"):
         raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
@@ -258,7 +253,7 @@ def chain(
     return structure(
         mass=mass * np.eye(masses),
         stiffness=_springs(rows, np.full(len(rows), stiffness)),
-        **_between(dampers, rows, data),
+        **with_dampers(data, dampers, rows),
     )
 
 
@@ -282,7 +277,7 @@ def frame(
     .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t),
 
     and with `rayleigh` Rayleigh's damping, as of a structure. `dampers` are terms and laws whose
-    coefficients are numbers, one in every storey.
+    coefficients are numbers, in every storey, or in their ``storeys``.
     """
     masses = per_coordinate(mass, storeys, "mass")
     springs = per_coordinate(stiffness, storeys, "stiffness")
@@ -292,7 +287,7 @@ def frame(
         stiffness=_springs(rows, springs, sparse=is_tall),
         ground_acceleration=ground_acceleration,
         rayleigh=rayleigh,
-        **_between(dampers, rows, data),
+        **with_dampers(data, dampers, rows),
     )
 
 
@@ -337,5 +332,5 @@ def string(
     return structure(
         mass=np.eye(modes),
         stiffness=np.diag((wave_speed * wave_numbers) ** 2),
-        **with_dampers(data, internal_damping, lambda eta: eta * np.diag(wave_numbers**2)),
+        **with_dampers(data, internal_damping, np.diag(wave_numbers), "internal_damping"),
     )

@@ -66,7 +66,7 @@ class ColeCole:
 
 
 def fractional_zener(
-    *, order: float, time: float, relaxed: float, unrelaxed: float, coefficient: Coefficient
+    *, order: float, time: float, relaxed: float, unrelaxed: float, coefficient: Coefficient = 1.0
 ) -> Law:
     r"""The law of four parameters, on a number or symmetric matrix.
 
@@ -91,7 +91,7 @@ def fractional_zener(
 
 
 def fractional_maxwell(
-    *, order: float, time: float, modulus: float, coefficient: Coefficient
+    *, order: float, time: float, modulus: float, coefficient: Coefficient = 1.0
 ) -> Law:
     r"""A spring and a springpot in series: :math:`G(s) = G \frac{(s\tau)^a}{1 + (s\tau)^a}`.
 

@@ -56,7 +56,7 @@ def prony(
     *,
     moduli: Sequence[float],
     times: Sequence[float],
-    coefficient: Coefficient,
+    coefficient: Coefficient = 1.0,
     relaxed: float = 0.0,
 ) -> Law:
     r"""The law :math:`G(t) = G_0 + \sum_i g_i e^{-t/\tau_i}`, on a number or symmetric matrix.

@@ -84,8 +84,7 @@ def damper_values(scene: Scene) -> Mapping[str, DamperValue]:
     for label, place, one in (*numbered, *named):
         found.setdefault(f"work_{label}", DamperValue(kind="work", place=place))
         count = one.inner.shape[0]
-        labels = (one.factored.labels if one.factored else ()) or range(1, count + 1)
-        for component, number in enumerate(labels):
+        for component, number in enumerate(one.storeys or range(1, count + 1)):
             end = f"_{number}" if count > 1 else ""
             for kind in kinds:
                 value = DamperValue(kind=kind, place=place, component=component)

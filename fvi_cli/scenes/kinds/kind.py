@@ -40,7 +40,6 @@ from fvi_cli.scenes.keys.values import (
     unknown_names,
 )
 from fvi_cli.scenes.kinds.laws import (
-    Place,
     Term,
     between_parts,
     check_names_of_dampers,
@@ -199,12 +198,8 @@ class SceneKind(Kind):
         found = {name: one for name, one in self if name not in shared}
         if name := self.dampers_key:
             before = len(self.damping)
-            found[name] = effects_of(found[name], self.between(), name, before=before)
+            found[name] = effects_of(found[name], between_parts, name, before=before)
         return found
-
-    def between(self) -> Place:
-        """Where dampers between parts act."""
-        return between_parts()
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
         return build_forcing(

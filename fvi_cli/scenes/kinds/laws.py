@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final, Literal
 
-import numpy as np
 from pydantic import Field
 
 from fvi_cli.effects.damping import Coefficient, FractionalDamping
@@ -18,7 +17,6 @@ from fvi_cli.effects.laws.law import Law
 from fvi_cli.effects.laws.prony import prony
 from fvi_cli.effects.matrices import Factored, dense
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.data import Effect
 from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import (
@@ -53,9 +51,9 @@ class Damper(Keys):
         None,
     )
     storey: Annotated[Count | list[Count], BY_FORM] | None = key(
-        "Under dampers of a frame, storey i between whose floor and ceiling it stands: it acts on "
-        "x_i - x_(i-1), storey 1 on x_1; or a list for equal dampers in several; without it one "
-        "stands in every storey.",
+        "Under dampers of a frame or chain, storey (spring) i in which it stands: in a frame it "
+        "acts on x_i - x_(i-1), in storey 1 on x_1; or a list for equal dampers in several; "
+        "without it one stands in every storey.",
         None,
     )
     name: Name | None = key(_NAME, None)
@@ -172,7 +170,7 @@ def on_coordinates(names: Sequence[str], *, sparse: bool = False) -> Place:
 
     def on(term: AnyTerm, factor: object) -> Coefficient:
         if term.storey is not None:
-            message = "not a key here: between floors of a frame it stands under dampers"
+            message = "not a key here: it is one of dampers between parts"
             raise ArgumentError("storey", message, at_key=True)
         if term.acts_on is None:
             matrix = matrix_of(factor, len(names), sparse=sparse)
@@ -186,32 +184,14 @@ def on_coordinates(names: Sequence[str], *, sparse: bool = False) -> Place:
     return on
 
 
-def between_parts(rows: Array | None = None) -> Place:
-    """Where dampers between parts act: on every one, or in a frame in some storeys by `rows`."""
-
-    def on(term: AnyTerm, factor: object) -> Coefficient:
-        if term.acts_on is not None:
-            message = "not a key here: write storey, or give the term under damping"
-            raise ArgumentError("acts_on", message, at_key=True)
-        if not isinstance(factor, float):
-            raise ArgumentError("coefficient", "a damper between parts has a number")
-        storeys = [term.storey] if isinstance(term.storey, int) else term.storey
-        if storeys is None:
-            return factor
-        if rows is None:
-            raise ArgumentError("storey", "not a key here: it is one of frames", at_key=True)
-        for index, storey in enumerate(storeys):
-            place = "storey" if len(storeys) == 1 else f"storey.{index}"
-            if storey > len(rows):
-                words = f"{storey} is not allowed; write 1 to {len(rows)}, the storeys"
-                raise ArgumentError(place, words)
-            if storey in storeys[:index]:
-                words = f"{storey} is given twice; write a damper of its own for it"
-                raise ArgumentError(place, words)
-        some = rows[[storey - 1 for storey in storeys]]
-        return Factored(rows=some, inner=np.array(factor), labels=tuple(storeys))
-
-    return on
+def between_parts(term: AnyTerm, factor: object) -> Coefficient:
+    """The coefficient of a damper between parts, a number: the scene knows where it acts."""
+    if term.acts_on is not None:
+        message = "not a key here: write storey, or give the term under damping"
+        raise ArgumentError("acts_on", message, at_key=True)
+    if not isinstance(factor, float):
+        raise ArgumentError("coefficient", "a damper between parts has a number")
+    return factor
 
 
 def effects_of(
@@ -224,10 +204,11 @@ def effects_of(
             made = term.effects(partial(on, term))
         except ArgumentError as error:
             raise error.below(f"{place}.{index}") from None
+        storeys = [term.storey] if isinstance(term.storey, int) else term.storey or ()
         for one in made:
             # `replace` would check its matrix again
             own = copy.copy(one)
-            vars(own).update(name=term.name or "", number=before + index + 1)
+            vars(own).update(name=term.name or "", number=before + index + 1, storeys=(*storeys,))
             found.append(own)
     return tuple(found)
 

@@ -18,7 +18,7 @@ from fvi_cli.scenes.forces import GROUND_ACCELERATION, TimeFunction
 from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive, key
 from fvi_cli.scenes.kinds.kind import Forced, SceneKind
-from fvi_cli.scenes.kinds.laws import Place, Term, between_parts
+from fvi_cli.scenes.kinds.laws import Term
 from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix, Vector
 from fvi_cli.scenes.records.samples import Column
 from fvi_cli.scenes.structures import (
@@ -26,7 +26,6 @@ from fvi_cli.scenes.structures import (
     Rayleigh,
     chain,
     frame,
-    neighbour_rows,
     string,
     structure,
 )
@@ -158,10 +157,6 @@ class FrameKind(SceneKind):
             "dampers": super().own()["dampers"],
             "rayleigh": self.rayleigh,
         }
-
-    def between(self) -> Place:
-        """Where dampers between floors act."""
-        return between_parts(neighbour_rows(self.count(), "left"))
 
     def numbers(self) -> Mapping[str, float]:
         """The parameters, and ``mass_1``, ..., the masses of the storeys."""
