@@ -7,17 +7,6 @@ from fvi_cli.effects.directions import read_directions
 from fvi_cli.effects.matrices import Factored
 
 
-def test_a_damper_between_two_bodies():
-    rows = read_directions(["x2 - x1"], ("x1", "x2", "x3"))
-    assert rows.tolist() == [[-1.0, 1.0, 0.0]]
-    form = Factored(rows=rows, inner=np.array(0.5)).form
-    assert form.tolist() == [
-        [0.5, -0.5, 0.0],
-        [-0.5, 0.5, 0.0],
-        [0, 0, 0],
-    ]
-
-
 def test_combinations_are_read_exactly():
     rows = read_directions(["(a - 2*b)/4 + 3*(b + a)", "-a", "+b**1 - (1 - 1)"], ("a", "b"))
     assert rows.tolist() == [[3.25, 2.5], [-1.0, 0.0], [0.0, 1.0]]

@@ -2,9 +2,7 @@
 
 import numpy as np
 import pytest
-from letters import spring
 
-from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.potential import ExpressionPotential
 from fvi_cli.mathematics.expressions import Expression
 
@@ -23,14 +21,3 @@ def test_expression_potentials_have_its_derivatives():
         assert slope == pytest.approx(potential.gradient(points)[:, axis], abs=1e-8)
         change = (potential.gradient(points + move) - potential.gradient(points - move)) / (2 * eps)
         assert change == pytest.approx(potential.hessian(points)[:, :, axis], abs=1e-8)
-
-
-def test_what_does_nothing_is_not_active():
-    terms = (
-        FractionalDamping(order=0.5, coefficient=np.zeros((2, 2))),
-        FractionalDamping(order=1.0, coefficient=np.eye(2)),
-    )
-    scene = spring(T=1.0, m=np.eye(2), k=np.eye(2), damping=terms)
-    assert scene.active_damping == (terms[1],)
-    assert scene.is_linear
-    assert scene.break_points == ()

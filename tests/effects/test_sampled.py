@@ -7,7 +7,6 @@ from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
-from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.structures import linear_oscillator
 
 TIME = np.array([0.0, 0.3, 1.0, 1.2, 2.0])
@@ -42,15 +41,6 @@ def test_the_spline_has_two_continuous_derivatives_and_gives_cubics_back():
     # straight lines through the same samples do not
     lines = SampledForce.through(TIME, cubic(TIME), "linear")
     assert np.abs(at(lines, time) - cubic(time)).max() > 0.1
-
-
-def test_knots_are_no_break_points():
-    force = SampledForce.through(TIME, VALUES, "linear")
-    other = Expression.parse("t", ("t",))
-    forcing = Forcing(pieces=(ForcingPiece(components=(force, other)),))
-    assert forcing.break_points == ()
-    assert forcing.samples == (force,)
-    np.testing.assert_allclose(forcing(np.array([1.1])), [[2.25, 1.1]])
 
 
 def test_values_that_hold_until_the_next():

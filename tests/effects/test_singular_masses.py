@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from spread import spread
 
-import fvi_cli as fvi
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
@@ -54,17 +53,3 @@ def test_units_of_a_lagrangian_do_not_matter(size, units, seed, route):
     assert run.status == "ok", run.message
     with pytest.raises(ValueError, match="not positive definite"):
         scene(singular)
-
-
-@spread(ratio=[1e-18, 1e-9, 1.0, 1e9, 1e18])
-def test_masses_of_a_configuration_have_any_ratio(ratio):
-    off = ratio**0.5
-    problem = {"kind": "structure", "mass": [[1.0, 0.5 * off], [0.5 * off, ratio]]}
-    problem |= {"stiffness": problem["mass"], "initial": {"position": [1.0, 1.0]}}
-    problem["final_time"] = 1.0
-    source = {"name": "masses", "problem": problem}
-    source |= {"method": {"rk": "gauss", "degree": 2}, "ladder": {"steps": [8]}}
-    fvi.load(source)
-    problem["mass"] = [[1.0, off], [off, ratio]]
-    with pytest.raises(fvi.ConfigError, match="a mass must be positive definite"):
-        fvi.load(source)

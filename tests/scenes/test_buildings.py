@@ -74,16 +74,6 @@ def test_a_damper_without_a_storey_stands_in_every_one():
     assert np.abs(one - other).max() < 1e-12 * np.abs(one).max()
 
 
-def test_kelvin_voigt_is_a_spring_beside_a_springpot():
-    common = {"kind": "damped-oscillator", "initial": {"position": 1.0}, "final_time": 3.0}
-    term = {"law": "kelvin-voigt", "stiffness": 2.5, "coefficient": 0.4, "order": 0.6}
-    one = build_scene({**common, "stiffness": 1.5, "damping": [term]})
-    plain = {"order": 0.6, "coefficient": 0.4}
-    other = build_scene({**common, "stiffness": 4.0, "damping": [plain]})
-    runs = [fvi.integrate(scene, "gauss3", 64).position for scene in (one, other)]
-    assert np.abs(runs[0] - runs[1]).max() < 1e-13
-
-
 def damping_ratios(problem):
     """Ratios of all modes by frequency, of the eigenvalues of the first-order system."""
     scene = problem.scene

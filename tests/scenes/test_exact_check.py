@@ -3,8 +3,6 @@
 import pytest
 from command_line import fvi as command
 
-from fvi_cli.scenes.registry import build_problem
-
 
 @pytest.mark.parametrize(
     ("change", "told"),
@@ -16,8 +14,3 @@ def test_a_changed_problem_with_the_old_solution_is_refused_at_its_line(change, 
     result = command("check", "damped-oscillator", "--set", change, code=2)
     assert f":18:10: problem.exact: {told}" in result.stderr
     command("check", "damped-oscillator", "--set", change, "--set", "problem.exact=auto", code=0)
-
-
-def test_a_motion_that_is_zero():
-    keys = {"kind": "damped-oscillator", "final_time": 8.0, "exact": "0"}
-    assert build_problem(keys).exact_source == "expression"

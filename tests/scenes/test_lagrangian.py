@@ -5,7 +5,6 @@ import pytest
 from letters import spring, swing
 
 import fvi_cli as fvi
-from fvi_cli.config import parse_config
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.laws.cole_cole import fractional_zener
@@ -14,7 +13,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
 from fvi_cli.scenes.lagrangian import lagrangian_scene
-from fvi_cli.scenes.structures import chain
 
 GAUSS3 = Method(cq="gauss", degree=3, start="graded")
 
@@ -40,71 +38,11 @@ def test_the_pendulum_is_the_pendulum():
     assert np.abs(integrate(other, GAUSS3, 64).position - a.position).max() > 1e-3
 
 
-def test_a_chain_is_recognised_as_matrices():
-    damping = [FractionalDamping(order=0.5, coefficient=0.2 * np.eye(3))]
-    made = lagrangian_scene(
-        final_time=4.0,
-        coordinates=["a", "b", "c"],
-        lagrangian="m*(va**2+vb**2+vc**2)/2 - k*(a**2 + (b-a)**2 + (c-b)**2 + c**2)/2",
-        parameters={"m": 2.0, "k": 3.0},
-        damping=damping,
-        initial_position=[1.0, 0.0, 0.5],
-    )
-    named = chain(
-        final_time=4.0,
-        masses=3,
-        mass=2.0,
-        stiffness=3.0,
-        damping=damping,
-        initial_position=[1.0, 0.0, 0.5],
-    )
-    assert isinstance(made.potential, QuadraticPotential)
-    assert made.is_linear
-    assert isinstance(named.potential, QuadraticPotential)
-    assert made.potential.stiffness == pytest.approx(named.potential.stiffness, abs=1e-15)
-    assert made.inertia.mass == pytest.approx(named.inertia.mass, abs=1e-15)
-    a, b = integrate(made, GAUSS3, 32), integrate(named, GAUSS3, 32)
-    assert np.abs(a.position - b.position).max() < 1e-13
-
-
 def test_forces_in_the_lagrangian_are_forces():
     made = single("vx**2/2 - x**2 + x*sin(3*t) - 2*x", forcing=Forcing.from_text("t"))
     plain = spring(T=4.0, k=2.0, x=1.0, forcing="t + sin(3*t) - 2")
     a, b = integrate(made, GAUSS3, 32), integrate(plain, GAUSS3, 32)
     assert np.abs(a.position - b.position).max() < 1e-14
-
-
-def test_a_spring_whose_end_is_shaken():
-    made = single("vx**2/2 - (x - sin(3*t))**2")
-    plain = spring(T=4.0, k=2.0, x=1.0, forcing="2*sin(3*t)")
-    assert isinstance(made.potential, QuadraticPotential)
-    a, b = integrate(made, GAUSS3, 32), integrate(plain, GAUSS3, 32)
-    assert np.abs(a.position - b.position).max() < 1e-14
-
-
-def test_free_motion_has_no_potential():
-    made = single("m*vx**2/2 + 3 + 0*x", parameters={"m": 2.0})
-    assert made.potential is None
-    assert made.forcing is None
-
-
-CASE = """name: a
-problem:
-  kind: lagrangian
-  coordinates: [x, y]
-  parameters: {m: 1.0}
-  lagrangian: m*(vx**2 + vy**2)/2 - (x - y)**2
-  damping: [{order: 0.5, coefficient: 1.0, acts_on: [x - y]}]
-  final_time: 1
-ladder: {steps: [4]}
-"""
-
-
-def test_a_configuration_names_its_coordinates():
-    (experiment,) = parse_config(CASE, "a.yaml").experiments
-    scene = experiment.problem.scene
-    assert scene.damping[0].coefficient.tolist() == [[1.0, -1.0], [-1.0, 1.0]]
-    assert scene.potential.stiffness.tolist() == [[2.0, -2.0], [-2.0, 2.0]]
 
 
 @pytest.mark.parametrize("names", [("x0", "x1"), ("x2", "x1"), ("phi", "s")])

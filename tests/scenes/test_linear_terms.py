@@ -117,31 +117,3 @@ def test_works_and_losses_of_drawn_lagrangians_close_the_balance(seed):
     by_hand = np.trapezoid(power, found.time)
     assert works.forcing_work[-1] == pytest.approx(by_hand, abs=2e-3)
     assert found.energy == pytest.approx(case.energy(found.position, velocity), abs=1e-12 * size)
-
-
-@pytest.mark.parametrize(
-    ("coordinates", "lagrangian", "position", "energy"),
-    [
-        (["x"], "vx**2/2 - 9.81*x", 1.0, 9.81),
-        (["x"], "vx**2/2 - (x - 1)**2/2", 0.0, 0.5),
-        (["x"], "vx**2/2 - x**2/2 - 3", 1.0, 3.5),
-        (["x", "y"], "(vx**2 + vy**2)/2 - 9.81*y", 2.0, 19.62),
-    ],
-)
-def test_falls_and_displaced_springs(coordinates, lagrangian, position, energy):
-    scene = lagrangian_scene(
-        coordinates=coordinates,
-        lagrangian=lagrangian,
-        initial_position=position,
-        final_time=0.4,
-    )
-    assert integrate(scene, GAUSS, 10).energy == pytest.approx(energy, rel=1e-13)
-    # control: what is nonlinear as well never took another way
-    general = lagrangian_scene(
-        coordinates=coordinates,
-        lagrangian=lagrangian + " - 1e-30*x**4",
-        initial_position=position,
-        final_time=0.4,
-    )
-    assert not general.is_linear
-    assert integrate(general, GAUSS, 10).energy == pytest.approx(energy, rel=1e-13)

@@ -27,20 +27,6 @@ def test_a_chain_is_its_equation_written_out():
     assert scene.inertia.mass.tolist() == (2 * np.eye(4)).tolist()
 
 
-def test_dampers_stand_where_the_springs_stand():
-    scene = scene_of(
-        "chain",
-        masses=3,
-        dampers=[{"order": 0.5, "coefficient": 0.2}],
-        damping=[{"order": 0.5, "coefficient": 0.3, "acts_on": ["x3 - x1"]}],
-    )
-    across, beside = scene.damping
-    assert beside.coefficient == pytest.approx(
-        0.2 * np.array([[2, -1, 0], [-1, 2, -1], [0, -1, 2]])
-    )
-    assert across.coefficient == pytest.approx(0.3 * np.array([[1, 0, -1], [0, 0, 0], [-1, 0, 1]]))
-
-
 def test_a_chain_by_dampers_is_a_chain_by_directions():
     start = {"position": [1.0, 0.0, 0.5], "velocity": 0.0}
     by_key = scene_of(
