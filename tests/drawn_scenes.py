@@ -14,9 +14,7 @@ from scipy.sparse import csr_array
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.cole_cole import fractional_zener
-from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws import Law, fractional_zener, prony
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.scenes.data import duffing

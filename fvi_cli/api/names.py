@@ -7,10 +7,10 @@ from fvi_cli.effects.damping import FractionalDamping as FractionalDamping
 from fvi_cli.effects.forcing import Forcing as Forcing
 from fvi_cli.effects.forcing import ForcingPiece as ForcingPiece
 from fvi_cli.effects.inertia import Inertia as Inertia
-from fvi_cli.effects.laws.cole_cole import fractional_maxwell as fractional_maxwell
-from fvi_cli.effects.laws.cole_cole import fractional_zener as fractional_zener
-from fvi_cli.effects.laws.law import Law as Law
-from fvi_cli.effects.laws.prony import prony as prony
+from fvi_cli.effects.laws import Law as Law
+from fvi_cli.effects.laws import fractional_maxwell as fractional_maxwell
+from fvi_cli.effects.laws import fractional_zener as fractional_zener
+from fvi_cli.effects.laws import prony as prony
 from fvi_cli.effects.potential import ExpressionPotential as ExpressionPotential
 from fvi_cli.effects.potential import Potential as Potential
 from fvi_cli.effects.potential import QuadraticPotential as QuadraticPotential

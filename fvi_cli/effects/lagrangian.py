@@ -3,12 +3,13 @@ r"""A Lagrangian whose mass matrix is not constant, or whose energies do not sep
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
 
+from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
@@ -87,6 +88,11 @@ class Lagrangian:
         moving = dict(zip(self.coordinates, self.velocities, strict=True))
         moving |= zip(self.velocities, self.accelerations, strict=True)
         return derivatives(self.first, [{**moving, TIME: 1.0}])[d : 3 * d]
+
+    def stiffened(self, stiffness: Form) -> Lagrangian:
+        """L less :math:`q^T K q / 2` for a matrix K."""
+        own = 0.0 if self.stiffness is None else self.stiffness
+        return replace(self, stiffness=own + dense(stiffness))
 
     @property
     def depends_on_time(self) -> bool:

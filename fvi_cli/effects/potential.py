@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Protocol
@@ -196,31 +196,6 @@ def checked_potential(
     for of in (found.energy, found.gradient, found.hessian):
         of(np.stack([position] * (position.size + 1)))
     return found
-
-
-def gradient_part(
-    potential: Potential, components: Sequence[int], dimension: int
-) -> tuple[tuple[int, ...], Callable[[Array], Array]]:
-    """The coordinates that c components of a gradient depend on, and these as a function of them.
-
-    The function leads from ``(..., k)`` to ``(..., c)``.
-    """
-    chosen = list(components)
-    if isinstance(potential, QuadraticPotential):
-        stiff = potential.gradient(np.eye(dimension)[chosen])
-        used = np.flatnonzero(stiff.any(axis=0))
-        return tuple(used.tolist()), lambda position: np.asarray(position @ stiff[:, used].T)
-    if not isinstance(potential, ExpressionPotential):
-        return tuple(range(dimension)), lambda position: potential.gradient(position)[..., chosen]
-    whole, names = potential.gradient_system, potential.coordinates
-    system = FormulaSystem(whole.instructions, tuple(whole.outputs[k] for k in chosen))
-    needed = np.isin(names, system.names)
-    stiff = np.zeros((len(chosen), len(names)))
-    if potential.stiffness is not None:
-        stiff = times(np.eye(len(names))[chosen], potential.stiffness)
-    used = np.flatnonzero(needed | stiff.any(axis=0))
-    program = PointFormulas(system, [names[k] for k in used], potential.parameters)
-    return tuple(used.tolist()), lambda position: program(position) + position @ stiff[:, used].T
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -13,7 +13,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Derivatives, Lagrangian
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import Form, is_semidefinite, is_sparse, times
 from fvi_cli.effects.potential import (
     LinearPotential,
@@ -56,8 +56,7 @@ class Scene:
     ------
     ValueError
         For sizes that do not match, values that are not finite,
-        Riemann-Liouville derivatives of an order above 1 or of laws with q0 != 0, and laws with a
-        relaxed modulus beside a Lagrangian.
+        and Riemann-Liouville derivatives of an order above 1 or of laws with q0 != 0.
     """
 
     inertia: Inertia  # with a Lagrangian: its mass matrix at the start
@@ -126,17 +125,12 @@ class Scene:
             raise ArgumentError("forcing", words)
 
     def _relax(self) -> None:
-        """Take the relaxed moduli of the laws into the potential."""
+        """Take the relaxed moduli of the laws into the potential or the Lagrangian."""
         for law in self.laws:
-            if law.relaxed == 0:
-                continue
-            if self.lagrangian is not None:
-                raise ArgumentError(
-                    "laws",
-                    f"the relaxed modulus {law.relaxed:g} is a stiffness; write it into the "
-                    "Lagrangian",
-                )
-            object.__setattr__(self, "potential", with_stiffness(self.potential, law.stiffness))
+            if law.relaxed and self.lagrangian is not None:
+                object.__setattr__(self, "lagrangian", self.lagrangian.stiffened(law.stiffness))
+            elif law.relaxed:
+                object.__setattr__(self, "potential", with_stiffness(self.potential, law.stiffness))
         object.__setattr__(self, "laws", tuple(law.without_stiffness() for law in self.laws))
 
     @property

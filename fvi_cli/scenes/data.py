@@ -14,7 +14,7 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import Factored, SparseMatrix
 from fvi_cli.effects.potential import (
     ExpressionPotential,
@@ -92,6 +92,7 @@ def make_scene(
     *,
     lagrangian: Lagrangian | None = None,
     linear_potential: LinearPotential | None = None,
+    coordinates: tuple[str, ...] = (),
     **data: Unpack[SceneData],
 ) -> Scene:
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
@@ -104,6 +105,7 @@ def make_scene(
         potential=potential,
         lagrangian=lagrangian,
         linear_potential=linear_potential,
+        coordinates=coordinates,
         **given,
     )
 

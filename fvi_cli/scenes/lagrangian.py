@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
 from fvi_cli.effects.lagrangian import TIME, Lagrangian, velocity_name
-from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.matrices import Form, dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
-    Potential,
     QuadraticPotential,
-    with_stiffness,
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
@@ -28,7 +23,6 @@ from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import bound, derivatives, negative, terms_with
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.definite import singular_words
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.data import (
     Effect,
@@ -40,16 +34,8 @@ from fvi_cli.scenes.data import (
     with_dampers,
 )
 
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Recognised:
-    """The parts of a Lagrangian: mass, potential and forces, or only its general form."""
-
-    mass: Array | None = None
-    potential: Potential | None = None
-    linear: LinearPotential | None = None
-    forcing: tuple[Expression, ...] | None = None
-    general: Lagrangian | None = None
+Parts = tuple[dict[str, Any], tuple[Expression, ...] | None]
+"""Arguments of :func:`make_scene` and the forces of a Lagrangian; None where all forces are 0."""
 
 
 @scene_function
@@ -74,63 +60,34 @@ def lagrangian_scene(
     Raises
     ------
     ValueError
-        With a message that begins with the key: ``coordinates``, ``parameters``, ``lagrangian`` or
-        ``initial_position``.
+        With a message that begins with the key: ``coordinates``, ``parameters`` or
+        ``lagrangian``.
     """
-    names = tuple(coordinates)
-    values = dict(parameters or {})
+    names, values = tuple(coordinates), dict(parameters or {})
     check_names(names, values)
-    velocities = tuple(velocity_name(name) for name in names)
-    effects = (*data.get("damping", ()), *data.get("laws", ()))
-    laws = [one for one in effects if isinstance(one, Law)]
-    stored = [law.stiffness for law in laws if law.relaxed]
-    data["laws"] = [law.without_stiffness() for law in laws]
-    data["damping"] = [one for one in effects if not isinstance(one, Law)]
+    velocities = tuple(map(velocity_name, names))
     try:
         expression = Expression.parse(
             lagrangian, variables=(*names, *velocities, TIME), constants=values
         )
-        if not expression.names & set(velocities):
-            raise ArgumentError(
-                "lagrangian",
-                f"it contains no velocity ({', '.join(velocities)}); "
-                "a Lagrangian needs a kinetic energy",
-            )
-        found = _recognise(names, velocities, expression)
+        effects, forces = _recognise(names, velocities, expression)
     except ExpressionError as error:
         raise ArgumentError("lagrangian", str(error)) from None
-    for stiffness in stored:
-        found = _with_stiffness(found, stiffness)
-    position = per_coordinate(data.get("initial_position", 0.0), len(names), "initial_position")
-    velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names), "initial_velocity")
-    at_start = _values_at(found, position, velocity)
-    if not all(np.isfinite(one).all() for one in at_start):
-        words = "it or a derivative of it is not finite at the initial position and velocity"
-        raise ArgumentError("lagrangian", words)
-    mass = at_start[0] if found.mass is None else found.mass
-    if found.mass is None:
-        _check_mass(mass, velocities, " at the start")
-    if found.forcing is not None:
+    if "mass" not in effects:
+        position = per_coordinate(data.get("initial_position", 0.0), len(names), "initial_position")
+        velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names), "initial_velocity")
+        mass = effects["lagrangian"].derivatives(position, velocity, 0.0).mass
+        effects = {**effects, "mass": mass}
+    if forces is not None:
         given = given_force(data.get("forcing"))
-        own = Forcing(pieces=(ForcingPiece(components=found.forcing),))
-        data["forcing"] = own if given is None else given.plus(found.forcing)
-    made = make_scene(
-        mass, found.potential, lagrangian=found.general, linear_potential=found.linear, **data
-    )
-    check_names(names, values, names_of_dampers(made))
-    return replace(made, coordinates=names)
-
-
-def _values_at(found: _Recognised, position: Array, velocity: Array) -> list[Array]:
-    """What must be finite at the start; of a general form the mass matrix first."""
-    if found.general is not None:
-        at = found.general.derivatives(position, velocity, 0.0)
-        value = found.general.lagrangian(position, velocity, 0.0)
-        return [at.mass, value, at.momentum, at.force, at.stiffness]
-    if found.potential is None:
-        return []
-    own = found.potential
-    return [own.energy(position), own.gradient(position), own.hessian(position)]
+        own = Forcing(pieces=(ForcingPiece(components=forces),))
+        data["forcing"] = own if given is None else given.plus(forces)
+    try:
+        return make_scene(**effects, coordinates=names, **data)
+    except ArgumentError as error:
+        if error.key != "mass":
+            raise
+        raise ArgumentError("lagrangian", f"its mass matrix d2L/dv2: {error.message}") from None
 
 
 @scene_function
@@ -210,7 +167,7 @@ def _check_name(name: str, place: str) -> None:
 @lru_cache(maxsize=64)
 def _recognise(
     names: tuple[str, ...], velocities: tuple[str, ...], expression: Expression
-) -> _Recognised:
+) -> Parts:
     parameters = dict(expression.constants)
     general = Lagrangian(coordinates=names, value=expression.system, parameters=parameters)
     d, every = len(names), (*names, *velocities, TIME)
@@ -218,32 +175,25 @@ def _recognise(
     masses = general.second[2 * d : 2 * d + d * d]
     mass = None if kinks & set(velocities) else _matrix(masses, parameters, every)
     if mass is None:
-        return _Recognised(general=general)
-    _check_mass(mass, velocities, "")
+        return {"lagrangian": general}, None
     at_rest = dict.fromkeys(velocities, 0.0)
+    separated = None
     try:
         momenta = bound(general.first[:d], at_rest).constants(parameters, every)
-        if momenta is None or any(momenta):
-            return _Recognised(general=general)
-        separated = _separate(general, at_rest, is_smooth=not kinks & set(names))
+        if momenta is not None and not any(momenta):
+            separated = _separate(general, at_rest, is_smooth=not kinks & set(names))
     except ExpressionError:
         # the Lagrangian has no value at rest
-        separated = None
-    return _Recognised(general=general) if separated is None else replace(separated, mass=mass)
-
-
-def _with_stiffness(found: _Recognised, stiffness: Form) -> _Recognised:
-    r"""The parts of a Lagrangian less :math:`q^T K q / 2`."""
-    if found.general is None:
-        return replace(found, potential=with_stiffness(found.potential, stiffness))
-    own = found.general.stiffness
-    total = dense(stiffness) if own is None else own + dense(stiffness)
-    return replace(found, general=replace(found.general, stiffness=total))
+        pass
+    if separated is None:
+        return {"lagrangian": general}, None
+    parts, forces = separated
+    return {"mass": mass, **parts}, forces
 
 
 def _separate(
     general: Lagrangian, at_rest: Mapping[str, float], *, is_smooth: bool
-) -> _Recognised | None:
+) -> Parts | None:
     """V(q), the linear potential c - f q, and f(t), with V + c - f q - f(t) q = -L at rest.
 
     None where L has no such form.
@@ -260,17 +210,15 @@ def _separate(
         potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
         loads = bound(forces, origin)
         linear = _linear(static, loads, origin, parameters)
-        own = _forces(loads, parameters)
-        return _Recognised(potential=potential, linear=linear, forcing=own)
+        return {"potential": potential, "linear_potential": linear}, _forces(loads, parameters)
     moving = derivatives(timed, along)[1:]
     rest = derivatives(moving, along)[len(names) :].constants(parameters, (*names, TIME))
     if rest is None or any(rest) or timed.kinked & set(names):
         return None
     variables = (*names, *parameters)
     energy = Expression("the potential energy", variables, system=negative(static))
-    own = _forces(bound(moving, origin), parameters)
     smooth = ExpressionPotential(coordinates=names, energy_expression=energy, parameters=parameters)
-    return _Recognised(potential=smooth, forcing=own)
+    return {"potential": smooth}, _forces(bound(moving, origin), parameters)
 
 
 def _linear(
@@ -314,15 +262,3 @@ def _matrix(
     size = math.isqrt(len(values))
     matrix = np.array(values).reshape(size, size)
     return np.asarray(0.5 * (matrix + matrix.T))
-
-
-def _check_mass(mass: Array, velocities: tuple[str, ...], where: str) -> None:
-    missing = [v for v, row in zip(velocities, mass, strict=True) if not np.any(row)]
-    if singular_words(mass):
-        smallest = float(np.linalg.eigvalsh(mass)[0])
-        reason = f" ({', '.join(missing)} does not occur quadratically)" if missing else ""
-        raise ArgumentError(
-            "lagrangian",
-            f"the mass matrix d2L/dv2 is not positive definite{where}: its smallest "
-            f"eigenvalue is {smallest:g}{reason}",
-        )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fvi_cli.config import parse_config
-from fvi_cli.effects.laws.cole_cole import ColeCole
+from fvi_cli.effects.laws import ColeCole
 from fvi_cli.effects.scene import Scene
 
 CONFIG = """\

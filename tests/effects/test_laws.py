@@ -8,8 +8,7 @@ import pytest
 from letters import spring
 from spread import spread
 
-from fvi_cli.effects.laws.cole_cole import fractional_maxwell, fractional_zener
-from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws import fractional_maxwell, fractional_zener, prony
 
 ZENER = {"order": 0.675, "time": 0.3, "relaxed": 2.0, "unrelaxed": 7.0, "coefficient": 1.0}
 LAWS = {

@@ -51,5 +51,5 @@ def test_units_of_a_lagrangian_do_not_matter(size, units, seed, route):
 
     run = integrate(scene(sound), Method(cq="gauss", degree=2), 8)
     assert run.status == "ok", run.message
-    with pytest.raises(ValueError, match="not positive definite"):
+    with pytest.raises(ValueError, match="must be positive definite"):
         scene(singular)

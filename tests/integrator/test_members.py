@@ -13,7 +13,7 @@ from letters import in_pieces, spring, swing
 from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws import prony
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import batch_kind, integrate, integrate_members
 from fvi_cli.integrator.memory.damping import pattern_of

@@ -9,7 +9,7 @@ beam with arbitrary boundary conditions*, J. Sound Vib. 10, 1969).
 import numpy as np
 from scipy.sparse import coo_array, csr_array
 
-from fvi_cli.effects.laws.cole_cole import fractional_zener
+from fvi_cli.effects.laws import fractional_zener
 from fvi_cli.scenes.structures import structure
 
 PER_NODE = 4

@@ -7,7 +7,7 @@ from letters import spring, swing
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.effects.laws.cole_cole import fractional_zener
+from fvi_cli.effects.laws import fractional_zener
 from fvi_cli.effects.potential import ExpressionPotential, QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate

@@ -11,8 +11,7 @@ from spread import few_of
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.cole_cole import fractional_maxwell
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law, fractional_maxwell
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 from oracles.sandwich_beam import sandwich_beam
 from scipy.linalg import eigh
 
-from fvi_cli.effects.laws.cole_cole import fractional_zener
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law, fractional_zener
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate

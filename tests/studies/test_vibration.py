@@ -15,8 +15,7 @@ from scipy.sparse import coo_array
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws import Law, prony
 from fvi_cli.effects.matrices import Form
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.effects.damping import FractionalDamping, is_same_direction
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import LEAST_SPARSE, Form, as_csr, dense, form, touched
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.decoupling import Decoupling

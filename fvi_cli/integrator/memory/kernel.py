@@ -26,7 +26,7 @@ from typing import TypeGuard
 
 import numpy as np
 
-from fvi_cli.effects.laws.law import RelaxationKernel
+from fvi_cli.effects.laws import RelaxationKernel
 from fvi_cli.mathematics.arrays import Array
 
 _CACHED_KERNELS = 256  # number of kernels that are kept in a process

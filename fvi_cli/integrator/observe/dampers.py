@@ -24,7 +24,7 @@ from numpy.polynomial import chebyshev
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import damping_along

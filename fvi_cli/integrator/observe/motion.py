@@ -7,8 +7,7 @@ values at the stages, and the acceleration follows from the equation of motion,
 .. math:: M a = f(t) - \nabla V(x) - \sum_j \mu_j D^{\gamma_j} x, \qquad
    L_{vv} a = L_x - L_{vx} v - L_{vt} + f - \sum_j \mu_j D^{\gamma_j} x,
 
-never from differences. Only the coordinates that are asked for are evaluated, with those that their
-forces depend on.
+never from differences. Of linear scenes only the coordinates that are asked for are evaluated.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.potential import gradient_part
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
@@ -209,13 +207,8 @@ class Motion:
             if scene.forcing is not None:
                 found[own] += scene.forcing(time[own], row)
             if scene.potential is not None and not scene.is_linear:
-                components = np.flatnonzero(row.any(axis=0))
-                used, gradient = self.kept(
-                    ("gradient", member, columns),
-                    partial(gradient_part, scene.potential, components.tolist(), d),
-                )
-                position = self.position(steps[own], tau[own], used)
-                found[own] -= gradient(position) @ row[:, components].T
+                position = self.position(steps[own], tau[own])
+                found[own] -= scene.potential.gradient(position) @ row.T
         return found
 
     def _general_acceleration(self, steps: Places, tau: Array) -> Array:

@@ -12,9 +12,7 @@ from pydantic import Field
 
 from fvi_cli.effects.damping import Coefficient, FractionalDamping
 from fvi_cli.effects.directions import read_directions
-from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_maxwell, fractional_zener
-from fvi_cli.effects.laws.law import Law
-from fvi_cli.effects.laws.prony import prony
+from fvi_cli.effects.laws import ColeCole, Law, fractional_maxwell, fractional_zener, prony
 from fvi_cli.effects.matrices import Factored, dense
 from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.data import Effect

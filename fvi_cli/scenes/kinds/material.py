@@ -78,7 +78,6 @@ class Material(Kind):
     def build_problem(self, motion: PrescribedMotion | None = None) -> Problem:
         """The law along its displacement, or along `motion`; it has no errors."""
         motion = motion or self.build_motion()
-        check_names((COORDINATE,), self.parameters)
         terms = self.law if isinstance(self.law, list) else [self.law]
         effects = effects_of(terms, on_coordinates((COORDINATE,)), "law")
         check_names_of_dampers(effects, "law")
@@ -98,8 +97,7 @@ class Material(Kind):
             damping=cast(Any, effects),
             prescribed=motion,
         )
-        if self.parameters:
-            check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
+        check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
         return Problem(
             kind=self.kind,
             scene=scene,

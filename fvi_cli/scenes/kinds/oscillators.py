@@ -10,7 +10,7 @@ from fvi_cli.scenes.data import duffing, kepler, pendulum
 from fvi_cli.scenes.keys.values import NotNegative, Pair, Positive, key
 from fvi_cli.scenes.kinds.kind import Forced
 from fvi_cli.scenes.kinds.laws import Term
-from fvi_cli.scenes.lagrangian import check_names, double_pendulum, lagrangian_scene
+from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix
 from fvi_cli.scenes.structures import structure
 
@@ -126,7 +126,6 @@ class LagrangianKind(Forced):
 
     def coordinate_names(self) -> tuple[str, ...]:
         """The coordinates."""
-        check_names(self.coordinates, {})
         return tuple(self.coordinates)
 
     def own(self) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.laws.law import Law
+from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.along import Along

@@ -13,9 +13,7 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.inertia import Inertia
-from fvi_cli.effects.laws.cole_cole import ColeCole, fractional_zener
-from fvi_cli.effects.laws.law import RelaxationKernel
-from fvi_cli.effects.laws.prony import PronyKernel, prony
+from fvi_cli.effects.laws import ColeCole, PronyKernel, RelaxationKernel, fractional_zener, prony
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.memory.exponentials import Exponentials as ExponentialMemory

@@ -1,1 +1,0 @@
-"""Relaxation laws: forces that remember the velocity with a completely monotone kernel."""
