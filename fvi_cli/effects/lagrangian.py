@@ -9,7 +9,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from fvi_cli.effects.matrices import Form, dense
+from fvi_cli.effects.matrices import Form
+from fvi_cli.effects.potential import with_quadratic
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
@@ -44,8 +45,6 @@ class Lagrangian:
     coordinates: tuple[str, ...]  # names of the d coordinates
     value: FormulaSystem
     parameters: Mapping[str, float] = field(default_factory=dict)  # values of the other names in it
-    # K, shape (d, d): q^T K q / 2 is subtracted from L; None: 0
-    stiffness: Array | None = None
 
     @cached_property
     def velocities(self) -> tuple[str, ...]:
@@ -91,8 +90,10 @@ class Lagrangian:
 
     def stiffened(self, stiffness: Form) -> Lagrangian:
         """L less :math:`q^T K q / 2` for a matrix K."""
-        own = 0.0 if self.stiffness is None else self.stiffness
-        return replace(self, stiffness=own + dense(stiffness))
+        value, parameters = with_quadratic(
+            self.value, self.coordinates, self.parameters, stiffness, -0.5
+        )
+        return replace(self, value=value, parameters=parameters)
 
     @property
     def depends_on_time(self) -> bool:
@@ -121,26 +122,18 @@ class Lagrangian:
 
     def lagrangian(self, position: Array, velocity: Array, time: Array | float) -> Array:
         """L, shapes ``(..., d)``, ``(..., d)`` and ``(...)`` to ``(...)``."""
-        found = np.asarray(self.evaluate(self.value, position, velocity, time)[..., 0])
-        if self.stiffness is None:
-            return found
-        force = position @ self.stiffness
-        return np.asarray(found - 0.5 * np.einsum("...a,...a->...", position, force))
+        return np.asarray(self.evaluate(self.value, position, velocity, time)[..., 0])
 
     def forces(self, position: Array, velocity: Array, time: Array | float) -> tuple[Array, Array]:
         """dL/dv and dL/dq, both of shape ``(..., d)``."""
         found = self.evaluate(self.first, position, velocity, time)
-        momentum, force = found[..., : self.dimension], found[..., self.dimension :]
-        return momentum, force if self.stiffness is None else force - position @ self.stiffness
+        return found[..., : self.dimension], found[..., self.dimension :]
 
     def derivatives(self, position: Array, velocity: Array, time: Array | float) -> Derivatives:
         """All first and second derivatives in q and v."""
         d = self.dimension
         values = self.evaluate(self.second, position, velocity, time)
         matrices = values[..., 2 * d :].reshape(*values.shape[:-1], 3, d, d)
-        if self.stiffness is not None:
-            values[..., d : 2 * d] -= position @ self.stiffness
-            matrices[..., 2, :, :] -= self.stiffness
         return Derivatives(
             momentum=values[..., :d],
             force=values[..., d : 2 * d],
@@ -159,9 +152,7 @@ class Lagrangian:
     ) -> Array:
         r"""The unbalanced force of a motion, :math:`\partial_q L - \frac{d}{dt} \partial_v L`."""
         found = self.evaluate(self.imbalance, position, velocity, time, acceleration=acceleration)
-        force, rate = found[..., : self.dimension], found[..., self.dimension :]
-        rest = force - rate
-        return rest if self.stiffness is None else rest - position @ self.stiffness
+        return np.asarray(found[..., : self.dimension] - found[..., self.dimension :])
 
     def remainder_slopes(
         self, position: Array, velocity: Array, acceleration: Array, time: Array | float
@@ -171,10 +162,7 @@ class Lagrangian:
         system = slopes_system(self.imbalance, (*self.coordinates, *self.velocities))[2 * d :]
         found = self.evaluate(system, position, velocity, time, acceleration=acceleration)
         by_motion = found.reshape(*found.shape[:-1], 2, d, 2, d)
-        slopes = by_motion[..., 0, :] - by_motion[..., 1, :]
-        if self.stiffness is not None:
-            slopes[..., 0, :, :] -= self.stiffness
-        return np.asarray(slopes)
+        return np.asarray(by_motion[..., 0, :] - by_motion[..., 1, :])
 
     def velocity(self, position: Array, momentum: Array, time: Array | float) -> Array:
         """The velocity that belongs to a momentum, by Newton's iteration; shape ``(..., d)``.

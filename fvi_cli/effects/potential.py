@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,6 +19,7 @@ from fvi_cli.effects.matrices import (
     times,
 )
 from fvi_cli.errors import ArgumentError
+from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem, PointFormulas
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression, slopes_system
@@ -71,39 +71,7 @@ class QuadraticPotential(MatrixEffect):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _StiffenedPotential(ABC):
-    """A potential energy to which :math:`q^T K q / 2` may be added for a matrix K."""
-
-    stiffness: Form | None = None  # K
-
-    @abstractmethod
-    def _of(self, name: str, position: Array) -> Array:
-        """V, its gradient or its Hessian without the matrix."""
-
-    @np.errstate(all="ignore")
-    def energy(self, position: Array) -> Array:
-        """V at `position`, shape ``(..., d)`` to ``(...)``."""
-        found = self._of("energy", position)
-        if self.stiffness is None:
-            return found
-        force = times(position, self.stiffness)
-        return np.asarray(found + 0.5 * np.einsum("...i,...i->...", position, force))
-
-    @np.errstate(all="ignore")
-    def gradient(self, position: Array) -> Array:
-        """The first derivatives of V, shape ``(..., d)`` to ``(..., d)``."""
-        found = self._of("gradient", position)
-        return found if self.stiffness is None else found + times(position, self.stiffness)
-
-    @np.errstate(all="ignore")
-    def hessian(self, position: Array) -> Array:
-        """The second derivatives of V, shape ``(..., d)`` to ``(..., d, d)``."""
-        found = self._of("hessian", position)
-        return found if self.stiffness is None else found + dense(self.stiffness)
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class ExpressionPotential(_StiffenedPotential):
+class ExpressionPotential:
     """Potential energy V(q) by a formula, which is differentiated."""
 
     coordinates: tuple[str, ...]  # names of the d coordinates
@@ -118,71 +86,70 @@ class ExpressionPotential(_StiffenedPotential):
 
     @cached_property
     def gradient_system(self) -> FormulaSystem:
-        """The formulas of dV/dq, without the stiffness."""
+        """The formulas of dV/dq."""
         return slopes_system(self.energy_expression.system, self.coordinates)[1:]
 
     @cached_property
-    def hessian_system(self) -> FormulaSystem:
-        """The formulas of the second derivatives row by row, without the stiffness."""
-        # derivatives are ordered by direction; the matrix is symmetric
-        return self.derivatives_system[self.dimension :]
-
-    @cached_property
     def derivatives_system(self) -> FormulaSystem:
-        """The formulas of the gradient, then of the Hessian, without the stiffness."""
+        """The formulas of the gradient, then of the Hessian."""
         return slopes_system(self.gradient_system, self.coordinates)
 
-    def __getstate__(self) -> dict[str, object]:
-        """What is pickled: all but compiled programs."""
-        return {name: value for name, value in vars(self).items() if name != "_programs"}
+    def energy(self, position: Array) -> Array:
+        """V at `position`, shape ``(..., d)`` to ``(...)``."""
+        return np.asarray(self.evaluate(self.energy_expression.system, position)[..., 0])
 
-    @cached_property
-    def _programs(self) -> Mapping[str, PointFormulas]:
-        systems = {
-            "energy": self.energy_expression.system,
-            "gradient": self.gradient_system,
-            "hessian": self.hessian_system,
-        }
-        return {
-            name: PointFormulas(one, self.coordinates, self.parameters)
-            for name, one in systems.items()
-        }
+    def gradient(self, position: Array) -> Array:
+        """The first derivatives of V, shape ``(..., d)`` to ``(..., d)``."""
+        return self.evaluate(self.gradient_system, position)
 
-    def _of(self, name: str, position: Array) -> Array:
-        found = self._programs[name](position)
-        if name == "hessian":
-            return found.reshape(*position.shape, self.dimension)
-        return np.asarray(found[..., 0]) if name == "energy" else found
+    def hessian(self, position: Array) -> Array:
+        """The second derivatives of V, shape ``(..., d)`` to ``(..., d, d)``."""
+        found = self.evaluate(self.derivatives_system, position)[..., self.dimension :]
+        # derivatives are ordered by direction; the matrix is symmetric
+        return found.reshape(*position.shape, self.dimension)
 
+    @np.errstate(all="ignore")
     def evaluate(
         self,
         system: FormulaSystem,
         position: Array,
         parameters: Mapping[str, float | Array] | None = None,
-    ) -> list[Array | float]:
-        """Values of a program in the coordinates and its own or other parameters."""
-        columns = zip(self.coordinates, np.moveaxis(position, -1, 0), strict=True)
-        return system.evaluate({**(parameters or self.parameters), **dict(columns)})
+    ) -> Array:
+        """Values of a program in the coordinates and its own or other parameters, ``(..., n)``."""
+        return PointFormulas(system, self.coordinates, parameters or self.parameters)(position)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class SuppliedPotential(_StiffenedPotential):
+class SuppliedPotential:
     """Potential energy by functions of an object of the user; checks the shapes they return."""
 
     functions: Potential  # V, its gradient and its Hessian
     dimension: int  # number d of degrees of freedom
+    stiffness: Form | None = None  # K: q^T K q / 2 is added
 
-    def _of(self, name: str, position: Array) -> Array:
-        """A copy of what a function returns for positions."""
+    def energy(self, position: Array) -> Array:
+        """V at `position`, shape ``(..., d)`` to ``(...)``."""
+        return self._of("energy", position, position.shape[:-1])
+
+    def gradient(self, position: Array) -> Array:
+        """The first derivatives of V, shape ``(..., d)`` to ``(..., d)``."""
+        return self._of("gradient", position, position.shape)
+
+    def hessian(self, position: Array) -> Array:
+        """The second derivatives of V, shape ``(..., d)`` to ``(..., d, d)``."""
+        return self._of("hessian", position, (*position.shape, self.dimension))
+
+    @np.errstate(all="ignore")
+    def _of(self, name: str, position: Array, expected: tuple[int, ...]) -> Array:
         found = np.array(getattr(self.functions, name)(position), dtype=float)
-        axes = ("energy", "gradient", "hessian").index(name)
-        expected = (*position.shape[:-1], *(self.dimension,) * axes)
         if found.shape != expected:
             raise ArgumentError(
                 "potential",
                 f"{type(self.functions).__name__}.{name} returns the shape {found.shape} for "
                 f"positions of the shape {position.shape}; return {expected}",
             )
+        if self.stiffness is not None:
+            found += getattr(QuadraticPotential(stiffness=self.stiffness), name)(position)
         return found
 
 
@@ -221,8 +188,34 @@ def with_stiffness(potential: Potential | None, stiffness: Form) -> Potential:
         return QuadraticPotential(stiffness=stiffness)
     if isinstance(potential, QuadraticPotential):
         return QuadraticPotential(stiffness=potential.form + stiffness)
-    if not isinstance(potential, ExpressionPotential | SuppliedPotential):
+    if isinstance(potential, ExpressionPotential):
+        names, own = potential.coordinates, potential.parameters
+        system, parameters = with_quadratic(
+            potential.energy_expression.system, names, own, stiffness, 0.5
+        )
+        energy = Expression("the potential energy", (*names, *parameters), system=system)
+        return replace(potential, energy_expression=energy, parameters=parameters)
+    if not isinstance(potential, SuppliedPotential):
         d = stiffness.shape[0]
         return SuppliedPotential(functions=potential, dimension=d, stiffness=stiffness)
-    own = potential.stiffness
-    return replace(potential, stiffness=stiffness if own is None else own + stiffness)
+    before = potential.stiffness
+    return replace(potential, stiffness=stiffness if before is None else before + stiffness)
+
+
+def with_quadratic(
+    system: FormulaSystem,
+    names: Sequence[str],
+    parameters: Mapping[str, Any],
+    matrix: Form,
+    factor: float,
+) -> tuple[FormulaSystem, dict[str, Any]]:
+    """The program with factor times q^T A q added; entries of A are further parameters."""
+    builder, values = Builder(), dict(parameters)
+    (total,), whole = builder.include(system), dense(matrix)
+    for i, j in np.argwhere(np.triu(whole)).tolist():
+        name = f"stiffness_{i}_{j}'"
+        if name not in values:
+            share = builder.number(factor if i == j else 2.0 * factor) * builder.variable(name)
+            total = total + share * builder.variable(names[i]) * builder.variable(names[j])
+        values[name] = values.get(name, 0.0) + float(whole[i, j])
+    return builder.system([total]), values

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.matrices import Form, dense
+from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import ExpressionPotential, SuppliedPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.baselines import integrate_baseline
@@ -309,23 +309,15 @@ def batch_kind(scene: Scene, method: Method, steps: AnySteps) -> Hashable | None
 def _formulas_of(energy: object) -> Hashable:
     """The formulas, or functions, of a nonlinear scene; None for linear ones."""
     if isinstance(energy, SuppliedPotential):
-        return (id(energy.functions), _entries(energy.stiffness))
+        stiffness = energy.stiffness
+        return id(energy.functions), None if stiffness is None else dense(stiffness).tobytes()
     if isinstance(energy, ExpressionPotential):
-        formulas = energy.gradient_system, energy.hessian_system
+        formulas = energy.gradient_system, energy.derivatives_system
     elif isinstance(energy, Lagrangian):
         formulas = energy.first, energy.second
     else:
         return None
-    return (
-        energy.coordinates,
-        tuple(sorted(energy.parameters)),
-        formulas,
-        _entries(energy.stiffness),
-    )
-
-
-def _entries(stiffness: Form | None) -> bytes | None:
-    return None if stiffness is None else dense(stiffness).tobytes()
+    return energy.coordinates, tuple(sorted(energy.parameters)), formulas
 
 
 def _width(scene: Scene) -> int:

@@ -15,7 +15,6 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from fvi_cli.effects.lagrangian import Lagrangian
-from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     SuppliedPotential,
@@ -118,15 +117,13 @@ class Linear:
 class Separable:
     r""":math:`L = v^T M v / 2 - V(q)` with the same formulas or functions for all members.
 
-    The remainder is :math:`K \Delta - \nabla V(q)`. `stiffness` has quadratic forms of V
-    that are not in the formulas; None: there are none.
+    The remainder is :math:`K \Delta - \nabla V(q)`.
     """
 
     mass: Array  # (q, e, e)
-    # potential of one member, for its formulas; functions of a user include their stiffness
+    # potential of one member, for its formulas
     formulas: ExpressionPotential | SuppliedPotential
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
-    stiffness: Array | None = None  # (q, e, e)
     is_linear, has_rates = False, False
 
     def __post_init__(self) -> None:
@@ -148,9 +145,6 @@ class Separable:
         else:
             values = self._both(x)
             first, second = values[..., :e], values[..., e:].reshape(*x.shape, e)
-        if self.stiffness is not None:
-            first = first + force_of(self.stiffness, x)
-            second = second + self.stiffness[:, None]
         if not math.isfinite(np.add.reduce(second, axis=None)):
             finite = np.isfinite(second).all(axis=(1, 2, 3), keepdims=True)
             second = np.where(finite, second, 0.0)
@@ -175,11 +169,7 @@ class Separable:
         self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
     ) -> Array:
         """K Delta less the gradient."""
-        x = origin[:, None] + points
-        first = self._gradient(x)
-        if self.stiffness is not None:
-            first = first + force_of(self.stiffness, x)
-        return force_of(at.stiffness, points) - first
+        return force_of(at.stiffness, points) - self._gradient(origin[:, None] + points)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -188,8 +178,6 @@ class General:
 
     lagrangian: Lagrangian  # that of one member, for its formulas
     parameters: Mapping[str, Array]  # values of the names in them, (q, 1) each
-    # matrices whose quadratic forms are subtracted from L, (q, e, e); None: there are none
-    stiffness: Array | None = None
     is_linear, has_rates = False, True
 
     def __post_init__(self) -> None:
@@ -214,11 +202,7 @@ class General:
     def _derivatives(self, x: Array, v: Array, t: Array | float) -> tuple[Array, Array]:
         """P and Q in one array, and the second derivatives ``(q, n, 3, e, e)``."""
         found, e = self._second(x, v, np.asarray(t)[..., None]), x.shape[-1]
-        first, second = found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
-        if self.stiffness is not None:
-            first[..., e:] -= force_of(self.stiffness, x)
-            second[..., 2, :, :] -= self.stiffness[:, None]
-        return first, second
+        return found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
 
     def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
         """The second derivatives of L, without C: :meth:`remainder` corrects velocities instead."""
@@ -261,10 +245,7 @@ class General:
         displacement, v = points[..., :e], points[..., e:]
         x = origin[:, None] + displacement
         if mixed is not None:
-            first = self._first(x, v, t[..., None])
-            if self.stiffness is not None:
-                first[..., e:] -= force_of(self.stiffness, x)
-            return self._rest_of(at, points, first)
+            return self._rest_of(at, points, self._first(x, v, t[..., None]))
         first, second = self._derivatives(x, v, t)
         momentum = np.matmul(v, mass) + before[..., :e]
         by_v, by_q = second[..., 0, :, :], second[..., 1, :, :]
@@ -297,11 +278,9 @@ def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepL
     first = scenes[0]
     if first.lagrangian is not None:
         lagrangians = [one.lagrangian for one in scenes if one.lagrangian is not None]
-        stiffness = [one.stiffness for one in lagrangians if one.stiffness is not None]
         return General(
             lagrangian=first.lagrangian,
             parameters=_columns([one.parameters for one in lagrangians]),
-            stiffness=np.array(stiffness) if stiffness else None,
         )
     potentials = [one.potential for one in scenes]
     masses = np.array([one.inertia.mass for one in scenes])
@@ -310,12 +289,8 @@ def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepL
     known = [one for one in potentials if isinstance(one, ExpressionPotential)]
     if len(known) != len(potentials):
         raise ValueError("scenes: all must be of one kind")
-    forms = [dense(one.stiffness) for one in known if one.stiffness is not None]
     return Separable(
-        mass=masses,
-        formulas=known[0],
-        parameters=_columns([one.parameters for one in known]),
-        stiffness=np.array(forms) if forms else None,
+        mass=masses, formulas=known[0], parameters=_columns([one.parameters for one in known])
     )
 
 

@@ -74,9 +74,7 @@ def _by_formulas(
         found = own.evaluate(system, x, v, time, values)
         return found[..., : own.dimension], found[..., own.dimension :]
     system, values = _rate_of(own.gradient_system, own.parameters, rates)
-    for index, value in enumerate(own.evaluate(system, x, values)):
-        force[..., index] = -value
-    return momentum, force
+    return momentum, -own.evaluate(system, x, values)
 
 
 def rate_of_remainder(
