@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -14,9 +12,6 @@ from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-
-_WORD: Final = re.compile(r"[A-Za-z_]\w*")
-_MOST_SHOWN: Final = 12  # coordinates that a complaint lists
 
 
 def linear_form(system: FormulaSystem, names: Sequence[str]) -> Array:
@@ -39,11 +34,9 @@ def read_directions(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
     places = {name: place for place, name in enumerate(coordinates)}
     rows = np.zeros((len(texts), len(coordinates)))
     for index, text in enumerate(texts):
-        # only the coordinates that occur: a structure has thousands; a complaint lists a few more
-        used = [name for name in dict.fromkeys(_WORD.findall(text)) if name in places]
-        shown = dict.fromkeys([*used, *list(places)[:_MOST_SHOWN]])
         try:
-            parsed = Expression.parse(text, variables=tuple(shown))
+            parsed = Expression.parse(text, variables=coordinates)
+            used = sorted(parsed.names)
             constant, *factors = linear_form(parsed.system, used).tolist()
         except ExpressionError as error:
             raise ArgumentError(f"acts_on.{index}", str(error)) from None

@@ -140,12 +140,14 @@ class Forcing:
         pieces = [replace(one, weights=directions @ one.weights) for one in self.pieces]
         return Forcing(pieces=tuple(pieces))
 
-    def plus(self, formulas: Sequence[Expression]) -> Forcing:
-        """The sum of the force and d expressions in ``t``."""
+    def plus(self, other: Forcing) -> Forcing:
+        """The sum of two forces."""
+        own, others = self.cut(other.break_points).pieces, other.cut(self.break_points).pieces
         pieces = []
-        for one in self.pieces:
-            weights = np.hstack([one.weights, np.eye(self.dimension)])
-            pieces.append(replace(one, components=(*one.components, *formulas), weights=weights))
+        for one, more in zip(own, others, strict=True):
+            components = (*one.components, *more.components)
+            weights = np.hstack([one.weights, more.weights])
+            pieces.append(replace(one, components=components, weights=weights))
         return Forcing(pieces=tuple(pieces))
 
     @property

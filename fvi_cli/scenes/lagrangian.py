@@ -81,7 +81,7 @@ def lagrangian_scene(
     if forces is not None:
         given = given_force(data.get("forcing"))
         own = Forcing(pieces=(ForcingPiece(components=forces),))
-        data["forcing"] = own if given is None else given.plus(forces)
+        data["forcing"] = own if given is None else given.plus(own)
     try:
         return make_scene(**effects, coordinates=names, **data)
     except ArgumentError as error:

@@ -155,8 +155,7 @@ def structure(
     is repeated: ``[1, 0]`` shakes the first of the two coordinates of every node.
     """
     found = [matrix_of(one, 1) for one in (mass, stiffness)]
-    given = np.size(data.get("initial_position", 0.0))
-    size = max(int(given), *(one.shape[0] for one in found))
+    size = max(int(np.size(data.get("initial_position", 0.0))), *(one.shape[0] for one in found))
     m, k = (matrix_of(one, size, sparse=any(map(is_sparse, found))) for one in (mass, stiffness))
     if m.shape != k.shape:
         words = f"is for {k.shape[0]} coordinates, but mass for {m.shape[0]}"
@@ -168,7 +167,9 @@ def structure(
         ground = given_force(ground_acceleration, "ground_acceleration")
         if ground is None or ground.dimension != 1:
             raise ArgumentError("ground_acceleration", "the ground has one component")
-        data["forcing"] = ground.along(-times(ground_shares(ground_direction, size), m)[:, None])
+        shaken = ground.along(-times(ground_shares(ground_direction, size), m)[:, None])
+        given = given_force(data.get("forcing"))
+        data["forcing"] = shaken if given is None else given.plus(shaken)
     potential = QuadraticPotential(stiffness=k)
     return make_scene(m, potential if entries(potential.form).any() else None, **data)
 
@@ -274,7 +275,7 @@ def frame(
     shear :math:`s_i = \bigl(k_i + \sum_j c_j D^{\gamma_j}\bigr) (x_i - x_{i-1})` (viscoelastic
     walls or dampers),
 
-    .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = -m_i a(t),
+    .. math:: m_i x_i'' + s_i - s_{i+1} + \sum_j \mu_j D^{\gamma_j} x_i = f_i(t) - m_i a(t),
 
     and with `rayleigh` Rayleigh's damping, as of a structure. `dampers` are terms and laws whose
     coefficients are numbers, in every storey, or in their ``storeys``.

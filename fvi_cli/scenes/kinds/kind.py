@@ -84,7 +84,7 @@ class Kind(Keys):
     equation: ClassVar[str]
     """The equation in plain text."""
     forces: ClassVar[tuple[str, ...]] = ("forcing",)
-    """Keys of forces or of the motion of the ground; at most one of them may be given."""
+    """Keys of forces or of the motion of the ground."""
     solutions: ClassVar[tuple[str, ...]] = ("exact",)
     """Keys of further functions of t."""
 
@@ -129,6 +129,7 @@ class SceneKind(Kind):
     derivative: Literal["caputo", "riemann-liouville"] = key(
         "caputo: D acts on q - q(0) (orders above 1: also - q'(0) t).", "caputo"
     )
+    forcing: Forces = FORCING
     initial: Initial = key("Position and velocity at t = 0.", Initial())
     final_time: Positive = FINAL_TIME
     break_points: Increasing[Positive] | None = key(
@@ -169,12 +170,9 @@ class SceneKind(Kind):
             "initial_velocity": _vector(self.initial.velocity, names, "initial.velocity"),
             "derivative": self.derivative,
         }
-        drivers = {name: self._driver(name, names) for name in self.forces}
-        if sum(driver is not None for driver in drivers.values()) > 1:
-            message = f"give this or {self.forces[0]}, not both"
-            raise ArgumentError(self.forces[1], message, at_key=True)
+        data |= {name: self._driver(name, names) for name in self.forces}
         try:
-            scene = self.make_scene(**data, **drivers)
+            scene = self.make_scene(**data)
         except ArgumentError as error:
             key = re.sub("^initial_(position|velocity)", r"initial.\1", error.key)
             raise ArgumentError(key, error.message, at_key=error.at_key) from None
@@ -246,12 +244,6 @@ class SceneKind(Kind):
     def ready_quantities(self) -> Mapping[str, Expression]:
         """Formulas of built-in quantities by name."""
         return {}
-
-
-class Forced(SceneKind):
-    """A kind of scene with a force."""
-
-    forcing: Forces = FORCING
 
 
 def numbered(size: int) -> tuple[str, ...]:

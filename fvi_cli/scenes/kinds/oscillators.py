@@ -8,14 +8,14 @@ from pydantic import Field, model_validator
 
 from fvi_cli.scenes.data import duffing, kepler, pendulum
 from fvi_cli.scenes.keys.values import NotNegative, Pair, Positive, key
-from fvi_cli.scenes.kinds.kind import Forced
+from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.laws import Term
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix
 from fvi_cli.scenes.structures import structure
 
 
-class DampedOscillator(Forced):
+class DampedOscillator(SceneKind):
     """A linear equation."""
 
     equation = "M x'' + sum mu D^gamma x + K x = f(t)"
@@ -51,7 +51,7 @@ class BagleyTorvik(DampedOscillator):
         return {**values, "damping": usual}
 
 
-class Pendulum(Forced):
+class Pendulum(SceneKind):
     """A rod that turns around a fixed point."""
 
     equation = "x'' + sum mu D^gamma x + omega^2 sin x = f(t)"
@@ -61,7 +61,7 @@ class Pendulum(Forced):
     omega: NotNegative = key("Angular frequency of small oscillations.", 1.0, unit="1/time")
 
 
-class Duffing(Forced):
+class Duffing(SceneKind):
     """A spring that hardens or softens, or a double well."""
 
     equation = "mass x'' + sum mu D^gamma x + stiffness x + cubic_stiffness x^3 = f(t)"
@@ -77,7 +77,7 @@ class Duffing(Forced):
     )
 
 
-class Kepler(Forced):
+class Kepler(SceneKind):
     """A mass in the plane around a centre that attracts it."""
 
     equation = "q'' + sum mu D^gamma q + attraction q/|q|^3 = f(t), q = (x, y)"
@@ -89,7 +89,7 @@ class Kepler(Forced):
     )
 
 
-class DoublePendulum(Forced):
+class DoublePendulum(SceneKind):
     """Two rods in a row with damped joints."""
 
     equation = (
@@ -110,7 +110,7 @@ class DoublePendulum(Forced):
     joints: list[Term] = key("Dampers, c D^gamma or any law, in both joints.", [])
 
 
-class LagrangianKind(Forced):
+class LagrangianKind(SceneKind):
     """Any mechanical system, by the formula of its Lagrangian."""
 
     equation = "d/dt dL/dv - dL/dq + sum mu D^gamma q = f(t)"

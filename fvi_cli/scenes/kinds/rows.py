@@ -17,7 +17,7 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import GROUND_ACCELERATION, TimeFunction
 from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive, key
-from fvi_cli.scenes.kinds.kind import Forced, SceneKind
+from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.laws import Term
 from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix, Vector
 from fvi_cli.scenes.records.samples import Column
@@ -37,7 +37,7 @@ RAYLEIGH: Final = key(
 )
 
 
-class Structure(Forced):
+class Structure(SceneKind):
     """A structure by its matrices."""
 
     equation = "M x'' + sum mu D^gamma x + K x = f(t) - M r a(t)"
@@ -57,7 +57,7 @@ class Structure(Forced):
     )
 
 
-class Chain(Forced):
+class Chain(SceneKind):
     """Equal masses in a row with springs and dampers between neighbours."""
 
     equation = (
@@ -95,11 +95,11 @@ class FrameKind(SceneKind):
     """A building of storeys that shear, shaken by the ground."""
 
     equation = (
-        "mass_i x_i'' + s_i - s_(i+1) + sum mu D^gamma x_i = -mass_i a(t), s_i = (stiffness_i "
-        "+ sum c D^gamma) (x_i - x_(i-1))"
+        "mass_i x_i'' + s_i - s_(i+1) + sum mu D^gamma x_i = f_i(t) - mass_i a(t), s_i = "
+        "(stiffness_i + sum c D^gamma) (x_i - x_(i-1))"
     )
     make = staticmethod(frame)
-    forces = ("ground_acceleration",)
+    forces = ("forcing", "ground_acceleration")
     dampers_key = "dampers"
     kind: Literal["frame"] = key("Which equation.", "frame")
     storeys: Count | None = key(
@@ -206,7 +206,7 @@ class Pluck(Keys):
     height: float = key("Height there.", 0.0, unit="length")
 
 
-class String(Forced):
+class String(SceneKind):
     """The sine modes of a string that is held at both ends."""
 
     equation = (
