@@ -9,10 +9,9 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.effects.forcing import ForceComponent, Forcing
-from fvi_cli.effects.sampled import FunctionForce, SampledForce
+from fvi_cli.effects.sampled import SampledForce
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.expressions import Expression, slopes_of
+from fvi_cli.mathematics.expressions import Expression
 
 JUMP = 1e-9
 """Jump that is allowed between neighbouring pieces, relative to the largest displacement."""
@@ -92,9 +91,4 @@ def _rate_of(component: ForceComponent) -> ForceComponent:
         return replace(component, coefficients=powers * component.coefficients[:-1])
     if not isinstance(component, Expression):
         raise ArgumentError("displacement", "give a formula or samples, not a function")
-
-    def slope(time: Array) -> Array:
-        found = slopes_of(component, {"t": time.ravel()}, ["t"]).get("t", np.zeros(1))
-        return np.asarray(np.broadcast_to(found, (time.size,)).reshape(time.shape))
-
-    return FunctionForce(function=slope)
+    return component.derivative("t")

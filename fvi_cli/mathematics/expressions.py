@@ -106,6 +106,10 @@ class Expression:
         """Whether no variable occurs."""
         return not self.names
 
+    def derivative(self, name: str) -> Expression:
+        """The derivative by a variable."""
+        return replace(self, system=derivatives(self.system, [{name: 1.0}])[1:])
+
     def expand(self, formulas: Mapping[str, Expression]) -> Expression:
         """The formula with variables replaced by formulas, given by the names of the variables."""
         builder = Builder()

@@ -19,12 +19,9 @@ from fvi_cli.scenes.records.samples import Samples
 
 T = TypeVar("T")
 _NAME: Final = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
-PRIME_PARTS: Final = 97
+PARTS: Final = 97
 """Parts of an interval at whose ends a formula must be finite; a prime number, so that no usual
 grid has points there."""
-PARTS: Final = 720
-"""Parts, 6!, at whose ends lie points of most grids: a quotient such as sin(t - 1)/(t - 1), without
-value at one of them, is a force; an infinite one is not."""
 
 
 class Piece(Keys):
@@ -119,13 +116,11 @@ def objection(
     A force must be finite inside and integrable at its beginning; a known solution or function
     must be finite at both ends too.
     """
-    prime, parts = (np.arange(n + 1) / n for n in (PRIME_PARTS, PARTS))
-    inner = np.concatenate([prime[1:-1], parts[1:]]) if is_force else prime
-    times = begin + (end - begin) * inner
+    shares = np.arange(PARTS + 1) / PARTS
+    times = begin + (end - begin) * (shares[1:-1] if is_force else shares)
     expression = _parsed(text, parameters)
     values = np.broadcast_to(np.asarray(expression.evaluate({"t": times})), times.shape)
-    may_be_undefined = is_force & (np.arange(times.size) >= prime.size - 2)
-    wrong = np.flatnonzero(np.isinf(values) | (np.isnan(values) & ~may_be_undefined))
+    wrong = np.flatnonzero(~np.isfinite(values))
     if wrong.size:
         what = "not a real number" if math.isnan(values[wrong[0]]) else "infinite"
         return f"is {what} at t = {times[wrong[0]]:.6g}; it must be finite up to final_time"

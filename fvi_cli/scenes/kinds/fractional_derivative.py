@@ -10,7 +10,6 @@ import numpy as np
 
 from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.mathematics.quadrature import jacobi_rule
@@ -66,33 +65,18 @@ class FractionalDerivative(Kind):
         )
 
 
+def _values(function: Expression, times: int = 0) -> Callable[[Array], Array]:
+    """A function of the time, or its derivative of whole order."""
+    for _ in range(times):
+        function = function.derivative("t")
+    return lambda time: ForcingPiece(components=(function,)).evaluate(time)[..., 0]
+
+
 def _from_rest(function: Expression, order: float, final_time: float) -> Callable[[Array], Array]:
     """The function less f(0), for orders above 1 also less f'(0) t."""
-    given, slope = ForcingPiece(components=(function,)).evaluate, 0.0
-    if order > 1:
-        slope = float(_derived(function, 1)(np.array([NEAR * final_time]))[0])
-        if not math.isfinite(slope):
-            raise ArgumentError("function", "its slope at 0 is not finite")
-
-    def values(time: Array) -> Array:
-        start = given(np.zeros(1))[0]
-        return np.asarray(given(time) - start - (slope * time)[:, None])
-
-    return values
-
-
-def _derived(function: Expression, times: int) -> Callable[[Array], Array]:
-    """The derivative of a function, of whole order."""
-    system = function.system
-    for _ in range(times):
-        system = derivatives(system, [{"t": 1.0}])[1:]
-    known = dict(function.constants)
-
-    def derived(time: Array) -> Array:
-        value = np.asarray(system.evaluate({**known, "t": time})[0], dtype=float)
-        return np.asarray(np.broadcast_to(value, time.shape))
-
-    return derived
+    given, zero = _values(function), np.zeros(())
+    slope = _values(function, 1)(zero + NEAR * final_time) if order > 1 else 0.0
+    return lambda time: (given(time) - given(zero) - slope * time)[:, None]
 
 
 def _caputo(
@@ -104,7 +88,7 @@ def _caputo(
               \int_0^t (t - s)^{n - \gamma - 1} f^{(n)}(s)\, ds
     """
     whole = math.ceil(order)
-    derived, rest, least = _derived(function, whole), whole - order, NEAR * final_time
+    derived, rest, least = _values(function, whole), whole - order, NEAR * final_time
     if rest == 0:
         return lambda time: derived(np.maximum(time, least))[:, None]
     starts_at_zero = bool(np.isfinite(derived(np.zeros(1)))[0])
