@@ -14,7 +14,6 @@ from fvi_cli.effects.matrices import (
     SparseMatrix,
     dense,
     indefinite_words,
-    is_diagonal,
     solver,
     symmetric_form,
 )
@@ -55,7 +54,7 @@ class Inertia(MatrixEffect):
 
     def velocity(self, momentum: Array) -> Array:
         """M^-1 p, shape ``(..., d)`` to the same."""
-        if isinstance(self.form, np.ndarray) and is_diagonal(self.form):
+        if isinstance(self.form, np.ndarray) and np.equal(*self.form.nonzero()).all():
             return np.asarray(momentum / np.diagonal(self.form))
         columns = momentum.reshape(-1, self.dimension).T
         return np.asarray(self._solve(columns).T.reshape(momentum.shape))

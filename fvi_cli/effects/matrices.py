@@ -187,11 +187,6 @@ def entries(matrix: Form) -> Array:
     return matrix.ravel() if isinstance(matrix, np.ndarray) else np.asarray(as_csr(matrix).data)
 
 
-def is_diagonal(matrix: Form) -> bool:
-    """Whether every entry off the diagonal is zero."""
-    return matrix.shape[0] == 1 or bool(np.equal(*matrix.nonzero()).all())
-
-
 def touched(matrix: Form) -> NDArray[np.bool_]:
     """Which rows of a matrix have entries other than zero, shape ``(d,)``."""
     found = np.zeros(matrix.shape[0], dtype=bool)

@@ -15,7 +15,6 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import (
     Form,
-    SparseMatrix,
     as_csc,
     as_csr,
     dense,
@@ -137,14 +136,14 @@ def natural_frequencies(mass: Form, stiffness: Form, count: int) -> Array:
 @scene_function
 def structure(
     *,
-    mass: object,
-    stiffness: object,
+    mass: object = 1.0,
+    stiffness: object = 1.0,
     rayleigh: object = None,
     ground_acceleration: Forcing | str | None = None,
     ground_direction: ArrayLike | Vector = 1.0,
     **data: Unpack[SceneData],
 ) -> Scene:
-    r"""Scene of a structure by its matrices, shaken by the ground.
+    r"""Scene of a linear equation, or of a structure by its matrices, shaken by the ground.
 
     .. math:: M x'' + \sum_j C_j D^{\gamma_j} x + (a M + b K) D^{\gamma} x
               + K x = f(t) - M r a(t)
@@ -152,7 +151,11 @@ def structure(
     `mass` and `stiffness` are numbers or matrices; `rayleigh` is a mapping with the factors a
     (``mass``), b (``stiffness``) and :math:`\gamma` (``order``), or with the ``ratios`` of two
     ``modes``; a(t) has one component. r has shape ``(d,)``, or is a number or a pattern that
-    is repeated: ``[1, 0]`` shakes the first of the two coordinates of every node.
+    is repeated: ``[1, 0]`` shakes the first of the two coordinates of every node. A stiffness of
+    zero is no potential at all.
+
+    With one term of damping of order 1 this is the damped oscillator of the paper (section
+    "Numerical examples"), with one term of order 1/2 or 3/2 its Bagley-Torvik equation.
     """
     found = [matrix_of(one, 1) for one in (mass, stiffness)]
     size = max(int(np.size(data.get("initial_position", 0.0))), *(one.shape[0] for one in found))
@@ -196,20 +199,7 @@ def ground_shares(direction: ArrayLike | Vector | Mapping[str, Any], size: int) 
     return np.tile(pattern, size // pattern.size)
 
 
-@scene_function
-def linear_oscillator(
-    *,
-    mass: ArrayLike | SparseMatrix = 1.0,
-    stiffness: ArrayLike | SparseMatrix = 1.0,
-    **data: Unpack[SceneData],
-) -> Scene:
-    r"""Scene of :math:`M x'' + \sum_j \mu_j D^{\gamma_j} x + K x = f(t)`.
-
-    With one term of order 1 this is the damped oscillator of the paper (section "Numerical
-    examples"), with one term of order 1/2 or 3/2 its Bagley-Torvik equation. A stiffness of zero
-    is no potential at all.
-    """
-    return structure(mass=mass, stiffness=stiffness, **data)
+linear_oscillator = structure
 
 
 def neighbour_rows(masses: int, ends: Ends) -> Array:
