@@ -43,8 +43,7 @@ class ToleranceRow(NamedTuple):
     """One scene with one tolerance: what was said, and lengths; seconds of the processor."""
 
     kind: str
-    outcome: str
-    reason: str
+    reason: str  # why it is not met; empty: it is said to be met
     tolerance: float
     estimate: float
     error: float  # the largest at the times of the reference
@@ -54,12 +53,12 @@ class ToleranceRow(NamedTuple):
     @property
     def is_judged(self) -> bool:
         """Whether it is said to be met, and the reference is good enough to say anything."""
-        return self.outcome == "met" and self.reference_error <= 0.3 * self.tolerance
+        return not self.reason and self.reference_error <= 0.3 * self.tolerance
 
     @property
     def is_wrong(self) -> bool:
         """Whether it is said to be met and is not."""
-        return self.outcome == "met" and self.error > self.tolerance + self.reference_error
+        return not self.reason and self.error > self.tolerance + self.reference_error
 
 
 def run_tolerances(share: float = 1.0) -> Iterator[tuple[str, ToleranceRow]]:
@@ -85,8 +84,8 @@ def measure(drawn: Drawn, relative: float) -> ToleranceRow:
     if run.steps is not None and run.time[-1] >= known.times[-1]:
         error = float(np.abs(run(known.times) - known.positions).max())
     reason = "" if run.assessment is None else run.assessment.reason
-    said = drawn.kind, str(run.outcome), reason
-    return ToleranceRow(*said, tolerance, run.error_estimate, error, known.error, seconds)
+    found = tolerance, run.error_estimate, error, known.error, seconds
+    return ToleranceRow(drawn.kind, reason, *found)
 
 
 def tolerance_table(found: Sequence[tuple[str, ToleranceRow]]) -> str:
@@ -98,17 +97,16 @@ def tolerance_table(found: Sequence[tuple[str, ToleranceRow]]) -> str:
     head = "scenes, number, met, not met, met and wrong, beyond twice, largest error / tolerance"
     columns = [*head.split(", "), "estimate / error: least, median", "seconds: median, all"]
     others = [
-        f"- {row.kind}, tolerance {row.tolerance:.2g}: {row.outcome}, {row.reason} "
-        f"(true {row.error:.2g})"
+        f"- {row.kind}, tolerance {row.tolerance:.2g}: {row.reason} (true {row.error:.2g})"
         for _, row in found
-        if row.outcome != "met" or row.is_wrong
+        if row.reason or row.is_wrong
     ]
     body = [_line(name, rows) for name, rows in groups.items()]
     return "\n".join([table(REMARK, columns, body), *others, ""])
 
 
 def _line(name: str, rows: Sequence[ToleranceRow]) -> tuple[str, ...]:
-    met = sum(row.outcome == "met" for row in rows)
+    met = sum(not row.reason for row in rows)
     judged = [row for row in rows if row.is_judged]
     shares = [row.error / row.tolerance for row in judged]
     # below the error of the reference nothing is known of the error

@@ -17,7 +17,7 @@ from fvi_cli.cli.app import app
 from fvi_cli.runner import progress, request
 from fvi_cli.storage.identity import SOLVER_VERSION
 from fvi_cli.studies import study
-from fvi_cli.studies.tolerance import runs as tolerance_runs
+from fvi_cli.studies.tolerance import search
 
 QUICK = LADDER.replace("1, 2, 3]", "1, 2]").replace("16, 24, 32, 48]", "16, 32]")
 # explicit in the damping: BDF6 leaves every bound at once
@@ -105,7 +105,7 @@ def test_a_mistake_of_the_program_costs_its_own_batch(folder, monkeypatch, key):
 
         return made_up
 
-    for module, name in ((study, "integrate_members"), (tolerance_runs, "engine_for")):
+    for module, name in ((study, "integrate_members"), (search, "adaptive_run")):
         monkeypatch.setattr(module, name, mistaken(getattr(module, name)))
     (folder / "mistaken.yaml").write_text(MISTAKEN.replace("ladder: {steps: [4, 8]}", key, 1))
     result = fvi("run", "mistaken.yaml", code=1)

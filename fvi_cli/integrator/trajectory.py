@@ -14,20 +14,15 @@ from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.mathematics.arrays import Array, Places
 
 Status = Literal["ok", "failed", "refused"]
-Outcome = Literal["met", "unreliable", "refused"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Assessment:
     """Assessment of the error of a run for a tolerance."""
 
-    # met; unreliable: runs that should agree do not; refused: the tolerance is out of reach
-    outcome: Outcome
-    tolerance: float  # in the norm of the experiment; nan if it is relative and nothing moves
+    tolerance: float  # in the norm of the experiment
     estimate: float  # of the error of the position at any time, the least that was reached
     reason: str = ""  # why it is not met, in one line; empty if it is met
-    time: float | None = None  # where the motion is unreliable from
-    attempts: tuple[str, ...] = ()  # one line for every run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,14 +177,9 @@ class Trajectory:
     coordinates: tuple[str, ...] = ()
 
     @property
-    def outcome(self) -> Outcome | None:
-        """Whether a tolerance was met, in a word; None if there was no tolerance."""
-        return None if self.assessment is None else self.assessment.outcome
-
-    @property
     def met(self) -> bool | None:
         """Whether a tolerance was met; None if there was no tolerance."""
-        return None if self.assessment is None else self.assessment.outcome == "met"
+        return None if self.assessment is None else not self.assessment.reason
 
     @property
     def error_estimate(self) -> float:

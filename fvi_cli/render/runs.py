@@ -44,7 +44,6 @@ RUNS = (
     Column("error", "error", ".3e"),
     Column("tolerance", "tolerance", "g", get=_assessed("tolerance")),
     Column("estimate", "estimate", ".3e", get=_assessed("estimate")),
-    Column("outcome", "tolerance is", get=_assessed("outcome")),
     Column("status", "status"),
     Column("expected", "expected", get=_expected),
 )

@@ -25,7 +25,7 @@ from fvi_cli.runner.work import Batch, batches_of, one_by_one_words, reference_b
 from fvi_cli.storage.identity import identity_of
 from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-from fvi_cli.studies.reference import needs_refined_run
+from fvi_cli.studies.reference import needs_dense_run
 
 _logger = logging.getLogger(__name__)
 
@@ -235,7 +235,7 @@ class _Work:
         for batch in batches:
             if not self.is_fresh and all(map(self.store.has, batch.identities)):
                 continue
-            needed = [] if batch.is_reference else list(filter(needs_refined_run, batch.runs))
+            needed = [] if batch.is_reference else list(filter(needs_dense_run, batch.runs))
             if needed:
                 # another command may have folded them
                 self.store.look()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import io
-import logging
 import pickle
 import warnings
 from collections.abc import Mapping, Sequence
@@ -17,10 +16,8 @@ from fvi_cli.storage.identity import identity_of, reference_identity_of
 from fvi_cli.storage.parts import part_name, part_of, references_part_of
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import members_at_a_time
-from fvi_cli.studies.reference import Reference, needs_refined_run, refined_references
+from fvi_cli.studies.reference import Reference, needs_dense_run, tabulated_references
 from fvi_cli.studies.study import execute_batch
-
-_logger = logging.getLogger(__name__)
 
 LARGEST_PACK = 256
 """Most members of a batch: 200 take half the time of four batches, and a kill loses a batch."""
@@ -36,7 +33,7 @@ class Batch:
 
     runs: tuple[Run, ...]
     is_reference: bool = False
-    references: Mapping[Run, Reference | None] = field(default_factory=dict)  # those that are known
+    references: Mapping[Run, Reference] = field(default_factory=dict)  # those that are known
 
     @functools.cached_property
     def identities(self) -> list[str]:
@@ -80,7 +77,7 @@ def batches_of(runs: Sequence[Run]) -> list[Batch]:
 def reference_batches_of(runs: Sequence[Run]) -> list[Batch]:
     """Batches of the references of runs: one run for every scene that needs a reference run."""
     packs: dict[tuple[object, ...], dict[object, Run]] = {}
-    for run in filter(needs_refined_run, runs):
+    for run in filter(needs_dense_run, runs):
         packs.setdefault((run.experiment, _pack(run)), {}).setdefault(run.member, run)
     return [Batch(runs=tuple(own.values()), is_reference=True) for own in packs.values()]
 
@@ -111,11 +108,11 @@ def compute(batch: Batch) -> bytes:
         # overflows need no warning: the status of a run reports them
         warnings.simplefilter("ignore", RuntimeWarning)
         if batch.is_reference:
-            return references_part_of(batch.runs, refined_references(batch.runs))
+            return references_part_of(batch.runs, tabulated_references(batch.runs))
         finished = [
             one
             for own in groups
-            for one in execute_batch(own, list(map(batch.references.get, own)), log=_logger.debug)
+            for one in execute_batch(own, list(map(batch.references.get, own)))
         ]
     return part_of(batch.runs, finished)
 

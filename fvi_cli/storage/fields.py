@@ -169,8 +169,6 @@ FIELDS: Final[dict[str, Field]] = {one.name: one for one in (
     Field(COUNTS, "how often events happened", _counts, is_json=True),
     Field("tolerance", "largest error that was asked for", _A + "tolerance"),
     Field("estimate", "estimated error", _A + "estimate"),
-    Field("attempts", "what was tried", _A + "attempts", is_json=True),
-    Field("outcome", "whether the tolerance is met", _A + "outcome"),
     Field("relative", "share of the largest position that was asked for",
           lambda f: f.run.experiment.accuracy and f.run.experiment.accuracy.relative),
 )}  # fmt: skip

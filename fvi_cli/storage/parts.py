@@ -48,20 +48,20 @@ def part_of(runs: Sequence[Run], finished: Sequence[FinishedRun]) -> bytes:
     return _image(records, settings, {name: variant for name, (variant, _) in variants.items()})
 
 
-def references_part_of(runs: Sequence[Run], references: Sequence[Reference | None]) -> bytes:
-    """The part of the references of some runs; None where the exact solution is one."""
+def references_part_of(runs: Sequence[Run], references: Sequence[Reference]) -> bytes:
+    """The part of the references of some runs."""
     records = []
     for run, one in zip(runs, references, strict=True):
-        arrays: dict[str, NDArray[Any]] = {}
-        values = {IDENTITY: reference_identity_of(run), POINTS: 0}
-        place = "exact"
-        if one is not None:
-            if not isinstance(one.values, Tabulated):
-                raise TypeError(f"{run.title}: the reference is a function, which is not stored")
-            arrays = {TIME: one.values.time, "position": one.values.position}
-            values |= {"reference_error": one.error, "reference": one.source}
-            values[POINTS] = int(one.values.time.size)
-            place = hashlib.sha256(arrays[TIME].tobytes()).hexdigest()[:12]
+        if not isinstance(one.values, Tabulated):
+            raise TypeError(f"{run.title}: the reference is a function, which is not stored")
+        arrays = {TIME: one.values.time, "position": one.values.position}
+        values = {
+            IDENTITY: reference_identity_of(run),
+            POINTS: int(one.values.time.size),
+            "reference_error": one.error,
+            "reference": one.source,
+        }
+        place = hashlib.sha256(arrays[TIME].tobytes()).hexdigest()[:12]
         # references at the same times share a group
         path = f"/{REFERENCES}/{run.experiment.name}/{place}"
         records.append(Record(path, values, arrays, (IDENTITY,)))

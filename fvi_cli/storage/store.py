@@ -146,16 +146,14 @@ class Store:
             found[run] = finished_of(_chosen(run, one.values), one.values, one.arrays)
         return found
 
-    def references(self, runs: Sequence[Run]) -> dict[Run, Reference | None]:
-        """The stored references of some runs; None where the exact solution is one."""
+    def references(self, runs: Sequence[Run]) -> dict[Run, Reference]:
+        """The stored references of some runs."""
         names = {run: reference_identity_of(run) for run in runs}
-        found: dict[Run, Reference | None] = {}
+        found: dict[Run, Reference] = {}
         for run, one in self._records(names):
-            found[run] = None
-            if TIME in one.arrays:
-                table = Tabulated(time=one.arrays[TIME], position=one.arrays["position"])
-                error, source = float(one.values["reference_error"]), one.values["reference"]
-                found[run] = Reference(values=table, error=error, source=source)
+            table = Tabulated(time=one.arrays[TIME], position=one.arrays["position"])
+            error, source = float(one.values["reference_error"]), one.values["reference"]
+            found[run] = Reference(values=table, error=error, source=source)
         return found
 
     def _records(

@@ -52,6 +52,10 @@ class Accuracy(Keys):
             for rule in RULES
         )
 
+    def length(self, amplitude: float) -> float:
+        """The tolerance as a length, for a motion of this size."""
+        return self.tolerance or (self.relative or 0.0) * amplitude
+
     def specification(self) -> dict[str, object]:
         """All settings that determine the steps, as JSON values."""
         given = {

@@ -9,12 +9,10 @@ from __future__ import annotations
 
 import copy
 import functools
-import gc
 import math
 import statistics
 import sys
-import time
-from collections.abc import Callable
+import timeit
 from dataclasses import dataclass, replace
 
 from fvi_cli.integrator.integrate import integrate
@@ -71,39 +69,25 @@ def measure_cost(run: Run, reference: Reference, *, repeats: int = REPEATS) -> C
     It is computed once before: imports, and first access to pages of memory, are not measured.
     """
     finished = execute(run, reference=reference)
-    seconds = []
-    for _ in range(repeats):
+
+    def once() -> None:
         # the copy lacks the factors of the mass that an earlier run has left in the scene
         scene = replace(run.scene, inertia=copy.copy(run.scene.inertia))
-        seconds.append(timed(functools.partial(integrate, scene, run.method, run.steps)))
+        integrate(scene, run.method, run.steps)
+
+    seconds = timeit.repeat(once, clear_caches, number=1, repeat=repeats)
     return CostRow(
         run=run,
         status=finished.status,
         error=finished.error,
         floor=finished.floor,
-        seconds=min(seconds, default=math.nan),
-        median_seconds=statistics.median(seconds) if seconds else math.nan,
-        repeats=len(seconds),
+        seconds=min(seconds),
+        median_seconds=statistics.median(seconds),
+        repeats=repeats,
         history_operations=finished.trajectory.history_operations,
         newton_iterations=finished.trajectory.newton.iterations,
         message=finished.trajectory.message,
     )
-
-
-def timed(action: Callable[[], object]) -> float:
-    """Wall time of `action` from a cold start."""
-    clear_caches()
-    # objects of the last run are young; a full collection would take longer than many runs
-    gc.collect(1)
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        began = time.perf_counter()
-        action()
-        return time.perf_counter() - began
-    finally:
-        if was_enabled:
-            gc.enable()
 
 
 _FORGETFUL = ("fvi_cli.mathematics.", "fvi_cli.effects.", "fvi_cli.integrator.")

@@ -17,6 +17,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -24,21 +25,17 @@ from fvi_cli.integrator.observe.dampers import damper_values, deformation_of
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.studies.experiment import Experiment, FinishedRun
 
-SAMPLES = 4000
+SAMPLES: Final = 4000
 """Points of the closed polygon whose area is the work of a loop; error (2 pi / n)^2 / 6."""
-LEAST_AMPLITUDE = 1e-3
+LEAST_AMPLITUDE: Final = 1e-3
 """Share of the whole range below which a loop belongs to the decay after the test."""
-WIDER = 1.01
-"""The largest loop has a row of its own if it is wider than the last one by this factor."""
-SWING = 0.25
+SWING: Final = 0.25
 """Share of the range of a loop from which on a maximum counts as one of another period."""
-LAST, LARGEST = "last", "largest"
-LEAST_POINTS = 20
-"""Least stored points of a loop; with 20 the stiffness of a viscous damper errs by 0.2 %."""
-MOST_DIFFERENCE = 0.05
-"""Largest relative difference from the loop through every other point; 8 times the loop's error."""
-LEAST_STIFFNESS = 1e-6
-"""Stiffnesses below this share of force range over deformation range are error of the run."""
+LEAST_POINTS: Final = 20
+"""Least stored points of a loop."""
+LEAST_STIFFNESS: Final = 2e-3
+"""Stiffnesses below this share of force range over deformation range are 0: with 20 points the
+stiffness of a viscous damper errs by half of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,105 +78,61 @@ def deformation_against(item: FinishedRun, name: str) -> tuple[Array, Array]:
     return deformation[:, value.component], observed.quantities[name]
 
 
-def loops_of(time: Array, deformation: Array, force: Array) -> dict[str, DamperLoop]:
-    """The last loop, and the widest one where that is wider; empty where there is no loop.
+def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | None:
+    """The last loop; None where there is none.
 
     A loop is one period: it lies between two rises of the deformation through the middle of its
-    range, with one maximum between them; between the points both are cubic polynomials. Loops of
-    less than a thousandth of the range, such as round-off at rest, do not count. With too few
-    points the numbers are nan. A stiffness below the error of the run is 0, its loss factor
-    infinite. Keys are :data:`LAST` and :data:`LARGEST`.
+    range, with one maximum between them. Loops of less than a thousandth of the range, such as
+    round-off at rest, do not count. With too few points the numbers are nan. Where the stiffness
+    is 0 the loss factor is infinite, without a force nan.
     """
-    finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
-    t, y, f = time[finite], deformation[finite], force[finite]
-    if t.size < 4:
-        return {}
-    middle = 0.5 * (y.max() + y.min())
-    above = y - middle > 0
-    rises = np.flatnonzero(~above[:-1] & above[1:])
-    pairs = list(itertools.pairwise(rises.tolist()))
-    widths = np.array([np.ptp(y[first : last + 1]) for first, last in pairs])
-    wide = np.flatnonzero(widths > LEAST_AMPLITUDE * np.ptp(y)).tolist()
-    last = next((k for k in reversed(wide) if _is_one_period(y, *pairs[k])), None)
-    if last is None:
-        return {}
-    by_width = sorted(wide, key=lambda k: -widths[k])
-    largest = next(k for k in by_width if _is_one_period(y, *pairs[k]))
-    chosen = {LAST: last} | ({LARGEST: largest} if widths[largest] > WIDER * widths[last] else {})
-    return {word: _loop(t, y, f, middle, *pairs[index]) for word, index in chosen.items()}
-
-
-def _is_one_period(y: Array, first: int, last: int) -> bool:
-    """Whether the deformation has one maximum between two rises, but for small ripples."""
+    # slow imports, which most commands do not need
     from scipy.signal import find_peaks
 
-    within = y[first : last + 2]
-    return bool(find_peaks(within, prominence=SWING * np.ptp(within))[0].size == 1)
+    finite = np.isfinite(time) & np.isfinite(deformation) & np.isfinite(force)
+    t, y, f = time[finite], deformation[finite], force[finite]
+    if not t.size:
+        return None
+    middle = 0.5 * (y.max() + y.min())
+    rises = np.flatnonzero((y[:-1] <= middle) & (y[1:] > middle))
+    for first, last in reversed(list(itertools.pairwise(rises.tolist()))):
+        within = y[first : last + 2]
+        width = np.ptp(within)
+        is_one_period = find_peaks(within, prominence=SWING * width)[0].size == 1
+        if is_one_period and width > LEAST_AMPLITUDE * np.ptp(y):
+            return _loop(t, y, f, middle, first, last)
+    return None
 
 
 def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) -> DamperLoop:
     """The loop between the rises through the middle that follow the points `first` and `last`."""
+    from scipy.interpolate import CubicSpline
+
     if last - first < LEAST_POINTS:
         return DamperLoop(begin=float(t[first]), end=float(t[last]))
     # some more points on both sides, for the slopes
     near = slice(max(first - 4, 0), last + 6)
-    t, y, f = t[near], y[near], f[near]
-    begin, end = (_rise(t, y, middle, place - near.start) for place in (first, last))
-    amplitude, stiffness, work = _around(t, y, f, begin, end)
-    size = float(np.ptp(f) / np.ptp(y))
-    noise = LEAST_STIFFNESS * size
-    # every other point gives the same loop with a larger error: the difference bounds the error
-    for skipped in (0, 1):
-        kept = np.ones(t.size, dtype=bool)
-        kept[1 + skipped : -1 : 2] = False
-        _, other, its_work = _around(t[kept], y[kept], f[kept], begin, end)
-        noise = max(noise, abs(other - stiffness))
-        if not abs(its_work - work) <= MOST_DIFFERENCE * np.ptp(f) * np.ptp(y):
-            return DamperLoop(begin=begin, end=end)
-    if not noise <= MOST_DIFFERENCE * size:
-        return DamperLoop(begin=begin, end=end)
-    if abs(stiffness) <= noise:
-        stiffness = 0.0
-    lost = work / (math.pi * amplitude**2)
-    # a damper whose force is zero has no loss factor
-    without = math.inf if f.any() else math.nan
-    return DamperLoop(
-        amplitude=amplitude,
-        stiffness=stiffness,
-        loss_factor=lost / stiffness if stiffness else without,
-        work=work,
-        begin=begin,
-        end=end,
-    )
-
-
-def _rise(t: Array, y: Array, middle: float, place: int) -> float:
-    """The time after a point at which the deformation rises through the middle, to round-off."""
-    # slow imports, which most commands do not need
-    from scipy.interpolate import CubicHermiteSpline
-    from scipy.optimize import brentq
-
-    moved = CubicHermiteSpline(t, y - middle, np.gradient(y, t))
-    return float(brentq(lambda at: float(moved(at)), t[place], t[place + 1], xtol=1e-300))
-
-
-def _around(t: Array, y: Array, f: Array, begin: float, end: float) -> tuple[float, float, float]:
-    """Amplitude, stiffness and work of the loop between two times."""
-    from scipy.interpolate import CubicHermiteSpline
-
-    # with the slopes of parabolas through three points
-    moved, forced = (CubicHermiteSpline(t, one, np.gradient(one, t)) for one in (y, f))
+    moved, forced = (CubicSpline(t[near], one[near]) for one in (y, f))
+    rises = moved.solve(middle, extrapolate=False)
+    begin, end = rises[rises >= t[first]][0], rises[rises <= t[last + 1]][-1]
     # the largest sample is not quite at the peak, where alone the force of a viscous damper is 0
     turns = moved.derivative().roots(extrapolate=False)
     turns = turns[(turns >= begin) & (turns <= end)]
-    if not turns.size:
-        return math.nan, math.nan, math.nan
-    reached = moved(turns)
-    high, low = int(reached.argmax()), int(reached.argmin())
-    amplitude = 0.5 * float(reached[high] - reached[low])
+    ends = turns[[moved(turns).argmax(), moved(turns).argmin()]]
+    amplitude, pushed = -0.5 * np.diff(moved(ends))[0], -0.5 * np.diff(forced(ends))[0]
+    stiffness = pushed / amplitude
+    if abs(stiffness) <= LEAST_STIFFNESS * np.ptp(f[near]) / np.ptp(y[near]):
+        stiffness *= 0.0
     at = np.linspace(begin, end, SAMPLES, endpoint=False)
     around, force = moved(at), forced(at)
-    work = 0.5 * float(force @ (np.roll(around, -1) - np.roll(around, 1)))
-    if not amplitude > 0:
-        return math.nan, math.nan, math.nan
-    return amplitude, 0.5 * float(forced(turns[high]) - forced(turns[low])) / amplitude, work
+    work = 0.5 * force @ (np.roll(around, -1) - np.roll(around, 1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        loss_factor = work / (math.pi * abs(stiffness) * amplitude**2) * np.sign(stiffness or 1.0)
+    return DamperLoop(
+        begin=float(begin),
+        end=float(end),
+        amplitude=float(amplitude),
+        stiffness=float(stiffness),
+        loss_factor=float(loss_factor),
+        work=float(work),
+    )

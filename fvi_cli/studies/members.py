@@ -199,11 +199,6 @@ def leads_somewhere(specification: Mapping[str, Any], path: str) -> bool:
     return True
 
 
-def without_values(template: Mapping[str, Any], keys: tuple[str, ...]) -> dict[str, Any]:
-    """The mapping with ``swept`` in place of the swept values, and so equal for all members."""
-    return with_values(template, dict.fromkeys(keys, "swept"))
-
-
 def counts_in_words(values: Iterable[str]) -> str:
     """``ok: 998; diverged: 2``, or the one word that all members have."""
     counts = Counter(values)

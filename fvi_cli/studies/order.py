@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
@@ -13,13 +12,9 @@ import numpy as np
 
 from fvi_cli.integrator.method import AnyMethod, method_columns
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
-from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
-from fvi_cli.studies.members import Member, with_values
+from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import Norm
-
-WITHOUT_ORDERS = (".coefficient", ".stiffness", ".mass", ".position", ".velocity")
-"""Endings of problem keys whose values do not change the orders of the damping."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -89,7 +84,7 @@ class OrderTable:
     experiment: str
     equation: str
     gamma: str
-    """Orders of damping in the equation, joined by ``;``."""
+    """Orders of damping in the equation, joined by ``;``; empty for a sweep."""
     reference: str
     norm: Norm
     final_time: float
@@ -117,11 +112,7 @@ def tables_of_members(experiment: Experiment, finished: Iterable[FinishedRun]) -
         if one.run.member is not None:
             by_member.setdefault(one.run.member, []).append(one)
     return [
-        replace(
-            order_table(experiment, by_member[member]),
-            gamma=damping_orders(member),
-            member=member,
-        )
+        replace(order_table(experiment, by_member[member]), member=member)
         for member in experiment.members
         if member in by_member
     ]
@@ -141,7 +132,7 @@ def order_table(experiment: Experiment, finished: Iterable[FinishedRun]) -> Orde
     return OrderTable(
         experiment=experiment.name,
         equation=problem.equation,
-        gamma=damping_orders(experiment),
+        gamma="" if experiment.members else _orders_of(problem),
         reference=runs[0].reference if runs else problem.exact_source,
         norm=experiment.norm,
         final_time=problem.final_time,
@@ -162,20 +153,6 @@ def _row(finished: FinishedRun) -> OrderRow:
         message=finished.trajectory.message,
         remarks=finished.trajectory.remarks,
     )
-
-
-def damping_orders(source: Experiment | Member) -> str:
-    """Orders of the damping terms, joined by ``;``."""
-    if isinstance(source, Experiment):
-        return _orders_of(source.problem)
-    # most sweeps are over values that change no order: one problem stands for all members
-    values = {k: v for k, v in source.values.items() if not k.endswith(WITHOUT_ORDERS)}
-    return _orders_of_member(source.template, json.dumps(values))
-
-
-@functools.lru_cache(maxsize=1024)
-def _orders_of_member(template: str, values: str) -> str:
-    return _orders_of(build_problem(with_values(json.loads(template), json.loads(values))))
 
 
 def _orders_of(problem: AnyProblem) -> str:

@@ -44,19 +44,13 @@ def execute(run: Run, reference: Reference | None = None) -> FinishedRun:
     return found
 
 
-def execute_batch(
-    runs: Sequence[Run],
-    references: Sequence[Reference | None],
-    *,
-    log: Callable[[str], object] = lambda line: None,
-) -> list[FinishedRun]:
+def execute_batch(runs: Sequence[Run], references: Sequence[Reference | None]) -> list[FinishedRun]:
     """Compute runs by one method on one number of steps, e.g. members of a sweep; or one search.
 
-    A run that fails does not disturb the others. A reference that is None is found here. A
-    search for a tolerance gives `log` a line for every run.
+    A run that fails does not disturb the others. A reference that is None is found here.
     """
     if runs[0].is_search:
-        return [run_for_tolerance(run, log=log) for run in runs]
+        return list(map(run_for_tolerance, runs))
     found = {
         run: _differentiate(run.problem, run)
         for run in runs
@@ -111,7 +105,7 @@ def assessed(
 ) -> FinishedRun:
     """The run with its error against `reference` on its mesh, and with remarks on it."""
     trajectory = found.on_mesh or found
-    exact = reference.at(trajectory.time)
+    exact = reference.values(trajectory.time)
     compared = exact if reference.is_known else trajectory.position
     weights = point_weights(trajectory.time)
     errors = dict.fromkeys(NORMS, float("nan"))

@@ -79,11 +79,7 @@ def test_a_member_has_the_table_of_an_experiment_with_that_problem(two_keys):
     text = text.replace("  final", f"  stiffness: {member.swept['problem.stiffness']}\n  final")
     (alone,) = tables_of_members(*study_of(text))
     assert alone.swept == {}
-    assert (member.gamma, member.equation, member.reference) == (
-        alone.gamma,
-        alone.equation,
-        alone.reference,
-    )
+    assert (member.equation, member.reference) == (alone.equation, alone.reference)
     (case, _), (other, _) = alone.cases, member.cases
     assert [row.error for row in case.rows] == pytest.approx([row.error for row in other.rows])
     assert case.slope == pytest.approx(other.slope)

@@ -112,13 +112,13 @@ def test_a_mistake_of_the_program_costs_its_own_batch(monkeypatch, tmp_path):
 
 
 def test_references_are_found_once_and_stored(monkeypatch, tmp_path):
-    usual, found = work.refined_references, []
+    usual, found = work.tabulated_references, []
 
     def noted(runs):
         found.extend(runs)
         return usual(runs)
 
-    monkeypatch.setattr(work, "refined_references", noted)
+    monkeypatch.setattr(work, "tabulated_references", noted)
     (first,) = api.run(load(PENDULUMS), output=tmp_path)
     assert len(found) == 6
     # they serve further methods, and reading computes none
@@ -134,7 +134,7 @@ def test_a_stored_file_is_drawn_without_a_reference_run(monkeypatch, tmp_path):
     text = configuration("kind: pendulum, initial: {position: 1.0}, final_time: 2.0", name="many")
     api.run(load(text + "figures: [convergence]\n"), output=tmp_path)
     (outcome,) = api.recall(tmp_path / "many.h5")
-    monkeypatch.setattr("fvi_cli.studies.reference._refined", None)
+    monkeypatch.setattr("fvi_cli.studies.reference.solve_by_two_runs", None)
     assert outcome.plot("convergence") is not None
 
 

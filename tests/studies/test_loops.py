@@ -9,14 +9,9 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.studies.loops import (
-    LAST,
-    LEAST_POINTS,
-    deformation_against,
-    loops_of,
-)
+from fvi_cli.studies.loops import LEAST_POINTS, deformation_against, last_loop
 
-ORDERS = [0.05, 0.5, 0.99, 0.999, 1.001, 1.5, *np.random.default_rng(5).uniform(0.02, 0.98, 6)]
+ORDERS = [0.05, 0.5, 0.99, 0.998, 1.002, 1.5, *np.random.default_rng(5).uniform(0.02, 0.98, 6)]
 
 
 def steady(
@@ -39,7 +34,7 @@ def test_of_many_points_loops_have_their_closed_form_at_any_order(order):
     rng, worst = np.random.default_rng(11), 0.0
     for _ in range(5):
         motion, (stiffness, loss_factor, work) = steady(rng, order, rng.uniform(500, 700))
-        loop = loops_of(*motion).get(LAST)
+        loop = last_loop(*motion)
         assert loop.stiffness == pytest.approx(stiffness, rel=1e-4)
         assert loop.loss_factor == pytest.approx(loss_factor, rel=1e-4)
         assert loop.work == pytest.approx(work, rel=2e-6)
@@ -47,7 +42,7 @@ def test_of_many_points_loops_have_their_closed_form_at_any_order(order):
         rough = (f[y.argmax()] - f[y.argmin()]) / np.ptp(y)
         worst = max(worst, abs(rough / stiffness - 1))
     # a control: at the largest of the points the force is another one
-    if abs(order - 1) < 0.002:
+    if abs(order - 1) < 0.003:
         assert worst > 0.1
 
 
@@ -58,7 +53,7 @@ def test_of_few_points_a_number_is_near_or_not_given(order):
     for _ in range(40):
         points = rng.uniform(3, 60)
         motion, (stiffness, loss_factor, work) = steady(rng, order, points)
-        loop = loops_of(*motion).get(LAST)
+        loop = last_loop(*motion)
         if points < LEAST_POINTS - 1:
             assert loop is None or math.isnan(loop.stiffness)
         if loop is None or math.isnan(loop.stiffness):
@@ -77,11 +72,11 @@ def test_a_viscous_damper_has_no_stiffness_and_one_without_force_no_loss_factor(
     rng = np.random.default_rng(13)
     for _ in range(10):
         motion, (_, _, work) = steady(rng, 1.0, points)
-        loop = loops_of(*motion).get(LAST)
+        loop = last_loop(*motion)
         assert (loop.stiffness, loop.loss_factor) == (0.0, math.inf)
         assert loop.work == pytest.approx(work, rel=2e-3)
         time, deformation, _ = motion
-        assert math.isnan(loops_of(time, deformation, 0 * time)[LAST].loss_factor)
+        assert math.isnan(last_loop(time, deformation, 0 * time).loss_factor)
 
 
 TEXT = """\
@@ -110,43 +105,12 @@ def test_what_coarse_runs_do_not_know_is_not_given(steps, tmp_path):
 def test_with_points_between_its_steps_a_run_has_the_loop_of_its_law():
     (outcome,) = fvi.run(parse_config(TEXT.replace("STEPS", "600"), "a"))
     (item,) = outcome.finished
-    loop = loops_of(item.trajectory.time, *deformation_against(item, "force")).get(LAST)
+    loop = last_loop(item.trajectory.time, *deformation_against(item, "force"))
     modulus = 100 * (2j * np.pi) ** 0.5
     # the start dies away
     assert loop.stiffness == pytest.approx(modulus.real, rel=5e-3)
     assert loop.loss_factor == pytest.approx(1.0, rel=5e-3)
     assert loop.work == pytest.approx(np.pi * 1e-4 * modulus.imag, rel=5e-3)
-
-
-@pytest.mark.parametrize("sizes", [(1.0, 3.0, 2.0), (3.0, 1.0, 2.0), (1.0, 2.0, 3.0)])
-def test_the_largest_loop_stands_beside_the_last_where_it_is_another(sizes):
-    rng = np.random.default_rng(14)
-    time = np.linspace(0, 1, 400, endpoint=False)
-    shift = rng.uniform(0.1, 0.4)
-    # whole loops from rise to rise, the first and the last of them cut
-    turns = [(0.5, 1.0), *((size, 1.0) for size in sizes), (sizes[-1], 0.5)]
-    t, y, f = (
-        np.concatenate(columns)
-        for columns in zip(
-            *(
-                (
-                    index + time[time < length],
-                    size * np.sin(2 * np.pi * time[time < length] - 1e-3),
-                    5 * size * np.sin(2 * np.pi * time[time < length] + shift - 1e-3),
-                )
-                for index, (size, length) in enumerate(turns)
-            ),
-            strict=True,
-        )
-    )
-    found = loops_of(t, y, f)
-    assert list(found) == (["last"] if sizes[-1] == max(sizes) else ["last", "largest"])
-    assert found["last"].amplitude == pytest.approx(sizes[-1], rel=1e-3)
-    if "largest" in found:
-        largest = found["largest"]
-        assert largest.amplitude == pytest.approx(3.0, rel=1e-3)
-        assert largest.begin == pytest.approx(1 + sizes.index(3.0), abs=0.01)
-        assert largest.work == pytest.approx(np.pi * 9 * 5 * math.sin(shift), rel=0.02)
 
 
 def test_the_last_loop_is_one_period_where_the_motion_leaves_its_middle_for_a_while():
@@ -158,6 +122,6 @@ def test_the_last_loop_is_one_period_where_the_motion_leaves_its_middle_for_a_wh
     rises = time[:-1][(y[:-1] <= middle) & (y[1:] > middle)]
     # a control: the last two rises lie several periods apart
     assert rises[-1] - rises[-2] > 1.9
-    last = loops_of(time, y, f)[LAST]
+    last = last_loop(time, y, f)
     assert last.end - last.begin == pytest.approx(1.0, abs=0.1)
     assert last.loss_factor == pytest.approx(0.7, abs=0.1)

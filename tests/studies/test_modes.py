@@ -15,7 +15,6 @@ from fvi_cli.effects.laws import Law, fractional_maxwell
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.vibration import modes
 from fvi_cli.studies.vibration.modes import ModeTable, find_modes
 
@@ -160,27 +159,6 @@ def test_modes_of_bodies_that_nothing_holds_are_found(seed):
     assert len(expected) == d - 1
 
 
-@pytest.mark.parametrize(
-    ("stiffness", "damping", "order", "expected"),
-    [
-        ([[1.0]], [[10.0]], 0.5, [-2.2522 + 4.1440j]),
-        ([[2.0, -1.0], [-1.0, 2.0]], [[8.0, 0.0], [0.0, 0.0]], 0.6,
-         [-0.029907 + 1.393097j, -2.5616 + 3.7095j]),
-        # without damping the highest mode is a bound on all
-        ([[187.5, -87.5], [-87.5, 187.5]], [[0.0, 0.0], [0.0, 0.0]], 0.6, [10j, 275**0.5 * 1j]),
-    ],
-)  # fmt: skip
-def test_strongly_damped_and_undamped_modes_are_found(stiffness, damping, order, expected):
-    mass = np.eye(len(stiffness))
-    terms: list[Term] = [
-        (Fraction(0), np.array(stiffness)),
-        (Fraction(order).limit_denominator(10), np.array(damping)),
-    ]
-    table = find_modes(structure(mass, terms), 4)
-    assert table.is_complete
-    assert [mode.frequency for mode in table.modes] == pytest.approx(expected, abs=1e-4)
-
-
 def sparse_chain(seed: int) -> tuple[Array, list[Term]]:
     """A chain of more bodies than are looked at as a whole, with dampers between some of them."""
     rng = np.random.default_rng(seed)
@@ -218,7 +196,6 @@ def missing_in_chain(seed: int) -> list[complex]:
     nearest = sorted(every, key=lambda s: abs(abs(s) - centre))[:8]
     found = [mode.frequency for mode in table.modes]
     lost = [s for s in nearest if min(abs(s - one) for one in found) > 1e-3 * abs(s)]
-
     return lost if table.is_complete else []
 
 
@@ -226,27 +203,3 @@ def missing_in_chain(seed: int) -> list[complex]:
 def test_modes_of_large_structures_are_found_or_said_to_miss(block):
     for seed in range(2 * block, 2 * block + 2):
         assert not missing_in_chain(seed), seed
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_repeated_frequencies_with_one_damper(seed):
-    """It damps one combination of the shapes of a frequency and leaves the others undamped."""
-    rng = np.random.default_rng([12, seed])
-    size = int(rng.integers(3, 7))
-    axes = np.linalg.qr(rng.standard_normal((size, size)))[0]
-    squares = rng.choice([1.0, 4.0, 9.0], size)
-    acts = " + ".join(f"{one:.3f}*x{k}" for k, one in enumerate(rng.uniform(0.2, 2.0, size), 1))
-    order, coefficient = rng.uniform(0.2, 1.8), rng.uniform(0.05, 0.6)
-    problem = {
-        "kind": "structure",
-        "mass": np.eye(size).tolist(),
-        "stiffness": (0.5 * (axes * squares @ axes.T + (axes * squares @ axes.T).T)).tolist(),
-        "damping": [{"order": order, "coefficient": coefficient, "acts_on": [acts]}],
-        "initial": {"position": [0.0] * size},
-        "final_time": 1.0,
-    }
-    table = find_modes(build_problem(problem).scene, 50)
-    assert len(table.modes) == size
-    assert table.is_complete
-    damped = sum(mode.damping_ratio > 1e-9 for mode in table.modes)
-    assert damped == np.unique(squares).size

@@ -31,7 +31,7 @@ from fvi_cli.plotting.style import BLACK, COLOURS, GREY, INK, Look, cycled, dots
 from fvi_cli.plotting.words import coordinates_of, position_label, time_label, velocity_label
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.studies.experiment import Experiment, FinishedRun
-from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
+from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
 
 _MANY = 200  # from this number on points are small
 _MOST_LINES = 24  # of a chain or frame with more masses every n-th is drawn
@@ -167,7 +167,7 @@ def section_figure(
 def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -> Figure:
     """Draw force against deformation, a panel for every force (up to 4) among the quantities.
 
-    It shows the most accurate run with its loops, or the members of a sweep.
+    It shows the most accurate run with its last loop, or the members of a sweep.
     """
     if not (forces := forces_of(experiment)):
         raise NothingToDraw(
@@ -187,14 +187,14 @@ def hysteresis_figure(experiment: Experiment, finished: Sequence[FinishedRun]) -
 
 
 def _loops(time: Array, x: Array, y: Array) -> list[Curve]:
-    """The whole motion, and above it the loops that the table of quantities reports."""
+    """The whole motion, and above it the loop that the table of quantities reports."""
     curves = [Curve(x=x, y=y, label="whole motion", look=Look(colour="#9a9a9a", width=0.7))]
-    for place, (word, loop) in enumerate(loops_of(time, x, y).items()):
+    if loop := last_loop(time, x, y):
         inside = time[(time > loop.begin) & (time < loop.end)]
         whole = np.array([loop.begin, *inside, loop.end])
-        look = Look(colour=COLOURS[1 - place], width=1.6)
         places = [np.interp(whole, time, values) for values in (x, y)]
-        curves.append(Curve(x=places[0], y=places[1], label=f"{word} loop", look=look))
+        look = Look(colour=COLOURS[1], width=1.6)
+        curves.append(Curve(x=places[0], y=places[1], label="last loop", look=look))
     return curves
 
 

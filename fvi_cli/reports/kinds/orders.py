@@ -159,8 +159,7 @@ def _slope(case: OrderCase) -> str:
 def _setting(tables: Sequence[OrderTable]) -> str:
     """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
     table = tables[0]
-    orders = ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
-    gamma = "swept" if any(one.gamma != table.gamma for one in tables) else orders
+    gamma = ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
     rows = (row for one in tables for case in one.cases for row in case.rows)
     mark = "" if all(row.used_in_fit for row in rows) else "; in parentheses: not used by the slope"
     equation = f"`{table.equation}`; " if table.equation else ""

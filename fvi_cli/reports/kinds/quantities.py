@@ -14,7 +14,7 @@ from fvi_cli.reports.kinds.ensembles import ensemble_sheet
 from fvi_cli.reports.naming import with_unit
 from fvi_cli.reports.table import MOST_LINES, Block, Column, Report, Sheet, Within, grid_of
 from fvi_cli.studies.experiment import FinishedRun
-from fvi_cli.studies.loops import deformation_against, forces_of, loops_of
+from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
 from fvi_cli.studies.peak_errors import with_peak_errors
 
 LOOSE = Within(relative=1e-2, absolute=1e-12)
@@ -56,7 +56,6 @@ EVENTS = (
 )
 LOOPS = (
     Column("force", "force", get="name"),
-    Column("loop", "loop", get="which"),
     Column("amplitude", "amplitude", ".5g", LOOSE, "length", get="found.amplitude"),
     Column("stiffness", "stiffness", ".5g", LOOSE, "stiffness", get="found.stiffness"),
     Column("loss_factor", "loss factor", ".4g", LOOSE, get="found.loss_factor"),
@@ -79,13 +78,13 @@ def _quantity(one: Item) -> str:
     return with_unit(one.name, one.of.run.experiment.units, one.name)
 
 
-def _loops(one: FinishedRun, observed: Observed) -> Iterator[tuple[str, Any, str]]:
-    """The last and the largest loop of every damper whose force is a quantity."""
+def _loops(one: FinishedRun, observed: Observed) -> Iterator[tuple[str, Any]]:
+    """The last loop of every damper whose force is a quantity."""
     for name in forces_of(one.run.experiment):
         if name in observed.quantities:
-            motion = deformation_against(one, name)
-            for word, loop in loops_of(one.trajectory.time, *motion).items():
-                yield name, loop, word
+            loop = last_loop(one.trajectory.time, *deformation_against(one, name))
+            if loop is not None:
+                yield name, loop
 
 
 KINDS: dict[str, tuple[tuple[Column, ...], Callable[[FinishedRun, Observed], Iterable[Any]]]] = {
@@ -96,7 +95,7 @@ KINDS: dict[str, tuple[tuple[Column, ...], Callable[[FinishedRun, Observed], Ite
     "events": (EVENTS, lambda one, observed: observed.events.items()),
     "loops": (LOOPS, _loops),
 }
-"""Columns of a table, and from a run to its rows: names, results, further words."""
+"""Columns of a table, and from a run to its rows: names and results."""
 
 
 def quantities_report(name: str, finished: Sequence[FinishedRun]) -> Report:
@@ -120,10 +119,10 @@ def quantity_sheets(finished: Sequence[FinishedRun]) -> tuple[list[Sheet], list[
     sheets = []
     for kind, (columns, results) in KINDS.items():
         items = [
-            Item(of=one, name=name, found=found, which=next(iter(word), ""))
+            Item(of=one, name=name, found=found)
             for one in finished
             if one.trajectory.observed is not None
-            for name, found, *word in results(one, one.trajectory.observed)
+            for name, found in results(one, one.trajectory.observed)
         ]
         if items or kind == "runs":
             every, is_file = (experiment, *swept, *RUN, *columns), kind != "loops"
@@ -134,7 +133,7 @@ def quantity_sheets(finished: Sequence[FinishedRun]) -> tuple[list[Sheet], list[
 TITLES = {
     "designs": "Designs: peaks and their change against the first design.",
     "ensemble": "Peaks over the members:",
-    "loops": "The last loop of every damper, and the largest one if wider:",
+    "loops": "The last loop of every damper:",
 }
 
 

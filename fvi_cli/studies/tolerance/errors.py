@@ -20,8 +20,6 @@ from fvi_cli.mathematics.arrays import Array
 
 MEASURED = 3.0
 """The estimated error of a polynomial is so many times the error found at the ends of its step."""
-HARDLY = 0.01
-"""Coefficients below this share of their neighbours do not count: their parity is nearly absent."""
 
 
 def differences_of(coarse: Trajectory, fine: Trajectory) -> tuple[Array, Array]:
@@ -66,32 +64,11 @@ def _reaches(m: int) -> Array:
 def _tails(steps: RunSteps) -> tuple[Array, Array]:
     """The larger of the last two Legendre coefficients of velocities, and their ratio of decay.
 
-    Even and odd coefficients may decay differently, so each is compared with the one two places
-    before it, and coefficients of a parity that is nearly absent do not count. A ratio of 1 says
-    that coefficients do not decay. Shapes ``(n, d)``.
+    Even and odd coefficients may decay differently, so pairs are compared. A ratio of 1 says that
+    coefficients do not decay. Shapes ``(n, d)``.
     """
-    m = steps.tables.points.size
-    kept = steps.tables.to_legendre[-min(4, m) :]
+    kept = steps.tables.to_legendre[-4:]
     found = np.abs(np.einsum("kr,nrd->knd", kept, steps.velocity))
     last = found[-2:].max(axis=0)
-    if m < 4:
-        before = found[:-2].max(axis=0) if m > 2 else last
-        return last, np.minimum(1.0, last / np.maximum(before, 1e-300))
-    ratios = np.minimum(1.0, found[-2:] / np.maximum(found[:-2], 1e-300))
-    return last, np.where(found[-2:] >= HARDLY * last, ratios, 0.0).max(axis=0)
-
-
-def growth_of(
-    times: Array, differences: Array, scale: float, tolerance: float
-) -> tuple[float, float]:
-    """The time from which on differences of two runs exceed a tolerance, and their growth.
-
-    They grow by a factor since they exceed round-off at the `scale` of the motion.
-    """
-    above = np.flatnonzero(~(differences <= tolerance))
-    index = int(above[0]) if above.size else differences.size - 1
-    seen = np.flatnonzero(differences > 1e-15 * (scale or 1.0))
-    least = float(differences[seen[0] if seen.size else index])
-    finite = differences[np.isfinite(differences)]
-    largest = float(finite.max()) if finite.size else math.inf
-    return float(times[index]), largest / max(least, 1e-300)
+    before = found[:-2].max(axis=0, initial=0.0)
+    return last, np.minimum(1.0, last / np.maximum(before, 1e-300))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,9 +17,7 @@ from fvi_cli.studies.tolerance.search import solve_by_two_runs
 EPSILON = float(np.finfo(float).eps)
 
 
-def run_for_tolerance(
-    search: Run, *, log: Callable[[str], object] = lambda line: None
-) -> FinishedRun:
+def run_for_tolerance(search: Run) -> FinishedRun:
     """Find the steps that the experiment's tolerance needs, and finish their run.
 
     The tolerance holds at any time, and so in every norm; in l2 it is times the root of T d. The
@@ -37,7 +34,7 @@ def run_for_tolerance(
     wanted = accuracy
     if accuracy.tolerance is not None:
         wanted = accuracy.model_copy(update={"tolerance": accuracy.tolerance / unit})
-    found, other = solve_by_two_runs(scene, wanted, log=log)
+    found, other = solve_by_two_runs(scene, wanted)
     known = found.assessment
     if known is None:  # pragma: no cover - a solved run has one
         raise ValueError(f"{experiment.name}: no run was made")
@@ -62,19 +59,18 @@ def run_for_tolerance(
         weights = point_weights(measured.time)
         error = error_norm(measured.position, exact(measured.time), weights, norm)
         reference = run.problem.exact_source
-        if known.outcome == "met" and not error <= known.tolerance:
+        if not (known.reason or error <= known.tolerance):
             reason = (
                 f"the exact solution differs from the run by {error:.2g}, a second run by "
                 f"{known.estimate:.2g}; write exact: none to go by the second run"
             )
-            known = replace(known, outcome="unreliable", reason=reason)
+            known = replace(known, reason=reason)
     floor = 100 * EPSILON * unit * float(np.abs(trajectory.position).max())
     status: Observed = "floor" if error < floor else "ok"
     steps = found.steps if run.keeps_steps else None
     trajectory = replace(trajectory, assessment=known, steps=steps, on_mesh=None)
-    if known.outcome != "met":
-        reason = "unreliable: " * (known.outcome == "unreliable") + known.reason
-        trajectory, status = replace(trajectory, status="refused", message=reason), "refused"
+    if known.reason:
+        trajectory, status = replace(trajectory, status="refused", message=known.reason), "refused"
     return FinishedRun(
         run=run,
         trajectory=trajectory,

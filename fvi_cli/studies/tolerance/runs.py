@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.engine.engine import Engine
+from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.method import ForcingQuadrature, Method
-from fvi_cli.integrator.run.on_mesh import engine_for, integrate_scenes
 from fvi_cli.integrator.trajectory import Trajectory
 
-MOST_STEPS = 200_000
 LOOSE: Final = 30.0
 POWER: Final = 1.3
 """A local tolerance e gives a run with an error below e^1.3 / 30, both relative to the motion."""
@@ -33,28 +30,9 @@ def gauss(scene: Scene, degree: int) -> Method:
     return Method(cq="gauss", degree=degree, start="none", forcing_quadrature=rule)
 
 
-def adaptive_runs(
-    scene: Scene, degree: int, *, max_step: float | None = None, most_steps: int = MOST_STEPS
-) -> Callable[..., Trajectory]:
-    """Runs of one scene by one Gauss method, with their polynomials.
-
-    The function takes a local tolerance, a length, and how far what steps do not see may move the
-    motion. A run with more than `most_steps` fails.
-    """
-    method, longest = gauss(scene, degree), math.inf if max_step is None else max_step
-    engine: Engine | None = None
-
-    def run(local: float, may_miss: float = math.inf) -> Trajectory:
-        nonlocal engine
-        steps = AdaptiveSteps(
-            tolerance=local, may_miss=may_miss, most_steps=most_steps, max_step=longest
-        )
-        if engine is None:
-            engine = engine_for([scene], method, steps)
-        (found,) = integrate_scenes([scene], method, steps, with_steps=True, engine=engine)
-        return found
-
-    return run
+def adaptive_run(scene: Scene, degree: int, steps: AdaptiveSteps) -> Trajectory:
+    """A run by the Gauss method of a degree, with its polynomials."""
+    return integrate(scene, gauss(scene, degree), steps, with_steps=True)
 
 
 def amplitude_of(run: Trajectory) -> float:
@@ -65,19 +43,13 @@ def amplitude_of(run: Trajectory) -> float:
 
 def first_local(target: float, amplitude: float) -> float:
     """Local tolerance to begin with, a length."""
-    if target <= 0:
-        # the size of the displacement is unknown: 1 in the user's unit of length
-        return 1.0
-    if amplitude <= 0:
-        return target
     # the motion may be smaller than the tolerance: count it as equal
     amplitude = max(amplitude, target)
-    share = (LOOSE * target / amplitude) ** (1 / POWER)
-    return float(amplitude * min(COARSEST, share))
+    return float(amplitude * min(COARSEST, (LOOSE * target / amplitude) ** (1 / POWER)))
 
 
 def likely_amplitude(scene: Scene) -> float:
-    """Size of the positions of a run, a length; zero where nothing moves.
+    """Size of the positions of a run, a length; 1 where nothing moves.
 
     The start position, and the displacements by the start velocity and by the largest force in a
     quarter of the longest period (in the whole run where there is no stiffness). It does not depend
@@ -92,24 +64,19 @@ def likely_amplitude(scene: Scene) -> float:
             forces = np.where(np.isfinite(forces), forces, 0.0)
             pushed = np.abs(scene.inertia.velocity(forces)).max(initial=0.0)
         found = max(found, time**2 * float(pushed))
-    return found if math.isfinite(found) else 1.0
+    return found if 0 < found < math.inf else 1.0
 
 
 def _quarter_period(scene: Scene) -> float:
-    final_time = scene.final_time
     potential = scene.potential
-    if potential is None:
-        return final_time
     if isinstance(potential, QuadraticPotential):
         stiffness = potential.form.diagonal()
-    else:
+    elif potential is not None:
         with np.errstate(all="ignore"):
             stiffness = np.diagonal(potential.hessian(scene.initial_position))
-    if not np.isfinite(stiffness).all():
-        return final_time
+    else:
+        return scene.final_time
     # Rayleigh quotients of the coordinates estimate the slowest mode well enough
     squares = np.abs(stiffness) / scene.inertia.form.diagonal()
     slowest = float(squares[squares > 0].min(initial=math.inf))
-    if not 0 < slowest < math.inf:
-        return final_time
-    return min(final_time, 0.5 * math.pi / math.sqrt(slowest))
+    return min(scene.final_time, 0.5 * math.pi / math.sqrt(slowest))

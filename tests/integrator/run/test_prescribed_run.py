@@ -9,7 +9,7 @@ from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.config import parse_config
-from fvi_cli.studies.loops import LAST, deformation_against, forces_of, loops_of
+from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
 
 
 def of_ramp(order: float, b: float, t: float) -> mpmath.mpf:
@@ -125,7 +125,7 @@ def test_the_steady_loop_of_a_law_has_its_complex_stiffness(tmp_path):
     moduli["force"] = moduli["one"] + moduli["other"]
     assert set(forces_of(item.run.experiment)) == set(moduli)
     for name, modulus in moduli.items():
-        loop = loops_of(item.trajectory.time, *deformation_against(item, name)).get(LAST)
+        loop = last_loop(item.trajectory.time, *deformation_against(item, name))
         # the start dies away like t**-0.6
         assert loop.stiffness == pytest.approx(modulus.real, rel=2e-3)
         assert loop.loss_factor == pytest.approx(modulus.imag / modulus.real, rel=2e-3)

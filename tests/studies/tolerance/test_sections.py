@@ -1,21 +1,25 @@
-"""Sections by a stroboscope, in runs that `accuracy` makes: complete, and right where they lie."""
+"""Motions and sections of runs to a tolerance: complete, and right at all times."""
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
-from oracles.volterra import solve_volterra
+import pytest
+from oracles.volterra import VolterraSolution, solve_volterra
 from spread import few_of
 
 from fvi_cli.config import parse_config
-from fvi_cli.studies.experiment import FinishedRun
+from fvi_cli.integrator.observe import motion
+from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 TEXT = """\
 name: section
 problem:
   kind: damped-oscillator
+  derivative: {derivative}
   stiffness: {stiffness!r}
   damping: [{{order: {order!r}, coefficient: {coefficient!r}}}]
   initial: {{position: {position!r}, velocity: {velocity!r}}}
@@ -33,13 +37,15 @@ def draw(seed: int) -> dict[str, object]:
     unit = float(10 ** random.uniform(-3, 3))
     final_time = unit * float(random.uniform(2.0, 8.0))
     every, step = int(random.integers(2, 50)), final_time / int(random.integers(3, 40))
-    order = float(random.choice([random.uniform(0.1, 0.95), 1.0, random.uniform(1.05, 1.9)]))
+    order = float(random.choice([random.uniform(0.1, 0.95), 1.0, random.uniform(1.05, 1.99)]))
+    derivative = str(random.choice(["caputo", "riemann-liouville"]))
     return {
+        "derivative": derivative,
         "stiffness": unit**-2 * float(random.uniform(0.5, 10.0)),
         "order": order,
         "coefficient": unit ** (order - 2) * float(10 ** random.uniform(-2, 0)),
-        "position": float(random.uniform(0.3, 1.0)),
-        "velocity": float(random.uniform(-1.0, 1.0)) / unit,
+        "position": float(random.uniform(0.3, 1.0)) if derivative == "caputo" else 0.0,
+        "velocity": float(random.uniform(0.3, 1.0)) / unit,
         "final_time": final_time,
         "tolerance": float(10 ** -random.uniform(3, 8)),
         # up to 6,000 changes of sign, of which the motion knows nothing
@@ -58,19 +64,18 @@ def expected_times(data: dict[str, object]) -> np.ndarray:
     return (k * math.pi - phase) / rate
 
 
-def run(data: dict[str, object]) -> FinishedRun:
-    (experiment,) = parse_config(TEXT.format(**data), "section.yaml").experiments
-    (search,) = experiment.runs()
+def experiment(data: dict[str, object]) -> Experiment:
+    (found,) = parse_config(TEXT.format(**data), "section.yaml").experiments
+    return found
+
+
+def run(asked: Experiment) -> FinishedRun:
+    (search,) = asked.runs()
     return run_for_tolerance(search)
 
 
-def check(data: dict[str, object]) -> None:
-    found = run(data)
-    assert found.trajectory.outcome == "met", data
-    seen, times = found.trajectory.observed.events["period"], expected_times(data)
-    assert seen.time.shape == times.shape, data
-    assert np.abs(seen.time - times).max() < 1e-12 * data["final_time"]
-    # in the units of one second, in which the oracle works
+def truth(data: dict[str, object]) -> tuple[VolterraSolution, float]:
+    """The motion in the units of a quarter of the run, in which the oracle works, and that unit."""
     unit, order = data["final_time"] / 4.0, data["order"]
     stiffness = data["stiffness"] * unit**2
     known = solve_volterra(
@@ -82,11 +87,38 @@ def check(data: dict[str, object]) -> None:
         [data["position"]],
         [data["velocity"] * unit],
         4.0,
+        derivative=data["derivative"],
     )
-    error = np.abs(seen.position - known.position(np.minimum(times / unit, 4.0))).max()
-    assert error <= data["tolerance"] + known.error.max(), data
+    return known, unit
 
 
-@few_of(2, 120)
-def test_drawn_sections(seed):
-    check(draw(seed))
+@few_of(3, 120)
+def test_drawn_motions_and_sections(seed):
+    data = draw(seed)
+    path, (known, unit) = run(experiment(data)).trajectory, truth(data)
+    assert path.met, data
+    seen, times = path.observed.events["period"], expected_times(data)
+    assert seen.time.shape == times.shape, data
+    assert np.abs(seen.time - times).max() < 1e-12 * data["final_time"]
+    for at, position in ((times, seen.position), (path.time, path.position)):
+        error = np.abs(position - known.position(np.minimum(at / unit, 4.0))).max()
+        assert error <= data["tolerance"] + known.error.max(), data
+
+
+def test_the_error_is_that_of_the_times_that_are_reported(monkeypatch):
+    """The motion between the points goes wrong by a cubic, and an exact solution shows it."""
+    data = draw(2) | {"more": "output: {step: 0.1}", "final_time": 4.0, "tolerance": 1e-6}
+    known, position = truth(data)[0].position, motion.Motion.position
+
+    def wrong(self, steps, tau, columns=None):
+        bump = 1e-3 * self.step_size[steps] * tau * (1.0 - tau) * (1.0 - 2.0 * tau)
+        return position(self, steps, tau, columns) + bump[..., None]
+
+    asked = experiment(data)
+    asked = replace(asked, problem=replace(asked.problem, exact=known))
+    monkeypatch.setattr(motion.Motion, "position", wrong)
+    found = run(asked)
+    path = found.trajectory
+    assert found.error == pytest.approx(np.abs(path.position - known(path.time)).max(), rel=1e-3)
+    assert found.error > 1e-6
+    assert not path.met

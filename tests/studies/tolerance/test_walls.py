@@ -48,7 +48,7 @@ def wrong_in_silence(seed: int) -> int:
         tolerance = float(10 ** rng.uniform(-9, -2.5))
         run = fvi.solve(scene, tolerance=tolerance)
         error = abs(run.position[-1, 0] - exact)
-        wrong += run.outcome == "met" and error > tolerance + 1e-11
+        wrong += run.met and error > tolerance + 1e-11
     return wrong
 
 
