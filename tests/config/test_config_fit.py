@@ -29,8 +29,8 @@ FILES = {
 }
 
 
-def read(folder: Path, fit: str, overrides: tuple[str, ...] = ()):
-    return parse_config(HEAD + fit, str(folder / "decay.yaml"), base=folder, overrides=overrides)
+def read(folder: Path, fit: str):
+    return parse_config(HEAD + fit, str(folder / "decay.yaml"), base=folder)
 
 
 GOOD = """\
@@ -72,19 +72,6 @@ def test_what_is_read(folder):
     assert (stiffness.start, stiffness.low) == (4.0, 0.0)
     assert (order.start, order.low, order.high) == (0.6, 1e-3, 1.999)
     assert settings.deviation == 0.01
-
-
-def test_values_are_changed_by_set(folder):
-    changes = (
-        "fit.parameters.problem.stiffness.start=3.5",
-        "fit.parameters.problem.initial.position.from=0.5",
-        "fit.noise=0.1",
-    )
-    settings = read(folder, GOOD, changes).experiments[0].fit
-    found = {one.key: one for one in settings.models[0].parameters}
-    assert found["problem.stiffness"].start == 3.5
-    assert found["problem.initial.position"].low == 0.5
-    assert settings.deviation == 0.1
 
 
 def test_runs_do_not_depend_on_measurements(folder):

@@ -87,13 +87,3 @@ def test_rayleigh_damping_by_its_factors_is_the_matrix_that_it_stands_for(folder
     assert term.order == 0.6
     expected = 0.2 * scene.inertia.mass + 0.01 * scene.potential.stiffness
     assert term.matrix == pytest.approx(expected)
-
-
-def test_the_ground_shakes_along_its_direction(folder):
-    direction = [1.0] * 20 + [0.0] * 20
-    scene = scene_of(
-        folder, "problem.ground_acceleration=sin(t)", f"problem.ground_direction={direction}"
-    )
-    assert scene.forcing is not None
-    force = scene.forcing(np.array([0.7]))[0]
-    assert force == pytest.approx(-np.sin(0.7) * scene.inertia.mass @ np.array(direction))

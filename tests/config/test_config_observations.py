@@ -66,15 +66,6 @@ def test_expressions_with_parameters_and_the_run(tmp_path):
     assert "gauss-s4-graded" in config.experiments[0].methods[0].case
 
 
-def test_quantities_of_the_members_of_a_sweep(tmp_path):
-    text = "sweep: {problem.parameters.k: [1.0, 4.0]}\nquantities: {spring: k*x}\n"
-    (outcome,) = fvi.run(_load(tmp_path, text))
-    for one, k in zip(outcome.finished, (1.0, 4.0), strict=True):
-        observed = one.trajectory.observed
-        spring = k * one.trajectory.position[:, 0]
-        assert np.abs(observed.quantities["spring"] - spring).max() < 1e-13
-
-
 def test_a_motion_with_impacts_is_stored_with_its_impacts(tmp_path):
     text = "impacts: {wall: {when: x + 0.5, restitution: 0.8}}\n"
     config = _load(tmp_path, text, "problem.lagrangian=(vx**2 + vy**2)/2 - k*x - y**2/2")

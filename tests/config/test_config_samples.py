@@ -95,10 +95,3 @@ def test_a_changed_file_is_told_beside_its_digest(folder):
     inputs._KEPT.clear()
     with pytest.raises(ConfigError, match=r"forcing\.digest: quake\.csv has changed"):
         parse_config(resolved, "again.yaml", base=folder)
-
-
-@pytest.mark.parametrize("separator", [",", ";", "\t"])
-def test_separators_comments_and_byte_order_marks(folder, separator):
-    content = "﻿# a record\n\n" + CSV.replace(",", separator) + "\n# the end\n"
-    (folder / "quake.csv").write_text(content, encoding="utf-8")
-    assert forcing_of(load(folder))(np.array([2.0]))[0, 0] == pytest.approx(4.0, rel=1e-15)

@@ -3,8 +3,7 @@
 ``tests/mistakes/*.yaml`` holds them: a text, or a valid one (`text` of the file) in which `write`
 stands `in place of` something else, changes by ``--set``, and where something is told of it, or
 remarked on where it is valid: line, column and key; `files` of all or of one stand beside it.
-`mended` has what the words advise in place of something of the text, or as what is ``set``, and is
-valid. ``pytest --renew tests/config/test_mistakes.py`` writes the places that are told now.
+``pytest --renew tests/config/test_mistakes.py`` writes the places that are told now.
 """
 
 import logging
@@ -31,24 +30,18 @@ def content_of(file: Path) -> dict[str, Any]:
     return yaml.load(file.read_text(encoding="utf-8"), loader)
 
 
-def changed(text: str, change: dict[str, Any]) -> str:
-    """The text with what a mistake, or the mending of one, has in place of a part of it."""
-    if "in place of" not in change:
-        return change.get("text", text)
-    assert text.count(change["in place of"]) == 1
-    return text.replace(change["in place of"], change["write"])
-
-
 def text_of(mistake: dict[str, Any], content: dict[str, Any]) -> str:
-    return changed(content.get("text", ""), mistake)
+    """The text with what a mistake has in place of a part of it."""
+    text = content.get("text", "")
+    if "in place of" not in mistake:
+        return mistake.get("text", text)
+    assert text.count(mistake["in place of"]) == 1
+    return text.replace(mistake["in place of"], mistake["write"])
 
 
-def said_of(
-    mistake: dict[str, Any], content: dict[str, Any], mended: dict[str, Any] | None = None
-) -> dict[str, list[str]]:
-    """What is told of it, or of what is mended in it; remarks where it is valid."""
-    text = changed(text_of(mistake, content), mended or {})
-    overrides = (mended or mistake).get("set", [])
+def said_of(mistake: dict[str, Any], content: dict[str, Any]) -> dict[str, list[str]]:
+    """What is told of it; remarks where it is valid."""
+    text, overrides = text_of(mistake, content), mistake.get("set", [])
     listener, logger = logging.Handler(logging.WARNING), logging.getLogger("fvi_cli")
     remarks: list[str] = []
     listener.emit = lambda record: remarks.append(record.getMessage())
@@ -103,10 +96,6 @@ def test_what_is_told_of_a_mistake(file, number, monkeypatch):
     said = said_of(mistake, content)
     expected = {key: mistake[key] for key in ("told", "remarked") if key in mistake}
     assert without_columns(places_of(said)) == without_columns(expected), said
-    if mended := mistake.get("mended"):
-        assert "remarked" in said_of(mistake, content, mended)
-        for written in mended.get("set", [mended.get("write")]):
-            assert any(written in line for line in said["told"]), written
 
 
 class Readable(yaml.SafeDumper):

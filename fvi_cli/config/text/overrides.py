@@ -26,8 +26,6 @@ _DISPLACED: Final[Mapping[KeyPath, tuple[str, ...]]] = {
     ("ladder", "steps"): ("from", "to", "base"),
 }
 """By key of an experiment the keys next to it that exclude it; an override removes these."""
-_ENTRIES: Final = ("start", "from", "to")
-"""Keys of a parameter of a fit."""
 
 
 def apply_overrides(document: Document, overrides: Sequence[str]) -> list[Mistake]:
@@ -107,6 +105,4 @@ def key_path(parts: Sequence[str], values: Any) -> KeyPath:
 def _new_length(path: Sequence[str | int], left: Sequence[str]) -> int:
     """How many parts are the next key, which is not there yet."""
     is_swept = left[0] == "problem" and len(path) > (2 if path[:1] == ["experiments"] else 0)
-    if not is_swept:
-        return 1
-    return len(left) - (path[-1] == "parameters" and left[-1] in _ENTRIES)
+    return len(left) if is_swept else 1

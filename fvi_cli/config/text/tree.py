@@ -6,7 +6,6 @@ Words are read by the core schema of YAML 1.2: ``1e-3`` is a number, ``no`` and 
 
 from __future__ import annotations
 
-import contextlib
 import math
 import re
 from dataclasses import dataclass, field
@@ -157,12 +156,17 @@ def read_document(text: str, source: str) -> Document:
 
 
 def _composed(text: str, source: str) -> yaml.Node | None:
-    """The node of a document; the parser in C is fast, that in Python has the better messages."""
-    with contextlib.suppress(yaml.YAMLError):
-        return _node(text, source, getattr(yaml, "CBaseLoader", yaml.BaseLoader))
-    place = Place(source, 1, 1)
+    """The node of a document."""
+    # the parser in C is far faster, where it is there
+    loader: Any = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+    place, depth = Place(source, 1, 1), 0
     try:
-        return _node(text, source, yaml.BaseLoader)
+        for event in yaml.parse(text, loader):
+            depth += isinstance(event, yaml.CollectionStartEvent)
+            depth -= isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST_NESTING:
+                raise MistakesError(Mistake(_place(event, source), (), TOO_DEEP))
+        return yaml.compose(text, loader)
     except yaml.reader.ReaderError as error:
         before = text[: error.position]
         place = Place(source, before.count("\n") + 1, error.position - before.rfind("\n"))
@@ -174,16 +178,6 @@ def _composed(text: str, source: str) -> yaml.Node | None:
     except (ValueError, OverflowError, IndexError, yaml.YAMLError):
         message = "not YAML: a wrong escape"
     raise MistakesError(Mistake(place, (), message))
-
-
-def _node(text: str, source: str, loader: Any) -> yaml.Node | None:
-    depth = 0
-    for event in yaml.parse(text, loader):
-        depth += isinstance(event, yaml.CollectionStartEvent)
-        depth -= isinstance(event, yaml.CollectionEndEvent)
-        if depth > DEEPEST_NESTING:
-            raise MistakesError(Mistake(_place(event, source), (), TOO_DEEP))
-    return yaml.compose(text, loader)
 
 
 def _place(node: Any, source: str) -> Place:
