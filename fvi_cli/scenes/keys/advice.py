@@ -30,11 +30,6 @@ KEYS: Final = (
     ("stiffness", "k spring E G", "write stiffness"),
     ("stiffness", "omega0 omega_0 w0 omega_n", "write stiffness, which is mass times omega0**2"),
     ("forcing", "force f load excitation", "write forcing"),
-    (
-        "ground_acceleration",
-        "forcing",
-        "the ground drives a frame; for forces on storeys write kind: structure with forcing",
-    ),
     ("initial", "x0 q0 u0 initial_position", "write initial: {position: ...}"),
     ("initial", "v0 initial_velocity", "write initial: {velocity: ...}"),
     ("position", "x q u displacement", "write position"),
