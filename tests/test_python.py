@@ -162,7 +162,7 @@ def double_pendulum(l2, g):
 def test_gradients_by_the_parameters_of_a_lagrangian(name):
     values = {"l2": 0.8, "g": 1.3}
     scene, quantity = double_pendulum(**values), fvi.position_at(1.3, 1)
-    found = fvi.gradient(scene, "gauss3", 40, quantity, [name])
+    found = fvi.gradient(scene, "gauss3", 40, quantity, [f"lagrangian.{name}"])
     step = 1e-4
 
     def at(shift):
@@ -172,5 +172,5 @@ def test_gradients_by_the_parameters_of_a_lagrangian(name):
         )[0, 1]
 
     centred = (8 * (at(step) - at(-step)) - (at(2 * step) - at(-2 * step))) / (12 * step)
-    assert found[name] == pytest.approx(centred, rel=1e-7)
+    assert found[f"lagrangian.{name}"] == pytest.approx(centred, rel=1e-7)
     assert abs(centred) > 1e-3

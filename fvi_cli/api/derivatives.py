@@ -11,7 +11,13 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.integrator.gradients.gradient import gradient_of
-from fvi_cli.integrator.gradients.parameters import Described, entries_of, parameter_of
+from fvi_cli.integrator.gradients.parameters import (
+    Described,
+    Entry,
+    Parameter,
+    entries_of,
+    parameter_of,
+)
 from fvi_cli.integrator.gradients.quantity import Quantity
 from fvi_cli.integrator.integrate import method_on
 from fvi_cli.integrator.method import Method
@@ -20,6 +26,7 @@ from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES
 from fvi_cli.scenes.problem import Problem
+from fvi_cli.scenes.registry import build_problem
 from fvi_cli.studies.experiment import Experiment
 
 Subject = Scene | Problem | Experiment
@@ -75,7 +82,9 @@ def gradient(
     parameters
         For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
-        ``laws.0.order`` and similar, and parameters of formulas by their own names; None: all.
+        ``potential.<parameter>``, ``lagrangian.<parameter>``, ``forcing.<parameter>``,
+        ``laws.0.order`` and similar; for an experiment also the ``parameters`` of its problem by
+        their names, wherever these stand; None: all of them.
         For a function its arguments with their values: they may change numbers with names, no
         numbers inside the text of formulas.
 
@@ -98,34 +107,50 @@ def gradient(
             f"{excerpt(repr(quantity))} is none; write fvi.position_at(time), "
             "fvi.quantity_at(expression, time) or fvi.misfit(times, data)",
         )
+    changes: dict[str, list[Parameter]] = {}
+    entries: Mapping[str, Entry] = {}
     if isinstance(scene, Scene | Problem | Experiment):
         described = _described(scene, {})
-        entries = entries_of(*described)
-        if parameters is not None:
-            unknown = [name for name in parameters if name not in entries]
-            if unknown or isinstance(parameters, Mapping):
-                raise ValueError(
-                    f"parameters: {', '.join(map(repr, unknown)) or 'a mapping'} for a scene; give "
-                    f"a list of some of {', '.join(entries)}"
-                )
-            entries = {name: entries[name] for name in parameters}
-        changes = [one.parameter(index) for one in entries.values() for index in one.indices]
+        entries, named = entries_of(*described), dict[str, float]()
+        if isinstance(scene, Experiment):
+            named = dict(scene.problem_specification.get("parameters", {}))
+        known = (*entries, *named)
+        unknown = [name for name in parameters or () if name not in known]
+        if unknown or isinstance(parameters, Mapping):
+            raise ValueError(
+                f"parameters: {', '.join(map(repr, unknown)) or 'a mapping'} for a scene; give "
+                f"a list of some of {', '.join(known)}"
+            )
+        for name in known if parameters is None else parameters:
+            if name in named:
+                family = partial(_with_parameter, scene, name)
+                changes[name] = [parameter_of(name, family, float(named[name]), described)]
+            else:
+                changes[name] = [entries[name].parameter(index) for index in entries[name].indices]
     elif isinstance(parameters, Mapping):
         values = {name: float(value) for name, value in parameters.items()}
-        described, entries = _described(scene(**values), values), {}
-        changes = [
-            parameter_of(name, partial(_made, scene, values, name), value, described)
-            for name, value in values.items()
-        ]
+        described = _described(scene(**values), values)
+        for name, value in values.items():
+            family = partial(_made, scene, values, name)
+            changes[name] = [parameter_of(name, family, value, described)]
     else:
         raise ValueError("parameters: give the arguments of the function with their values")
+    every = [one for own in changes.values() for one in own]
     own, names = described
-    value, found = gradient_of(own, method_on(method, steps), steps, quantity, changes, names)
+    value, found = gradient_of(own, method_on(method, steps), steps, quantity, every, names)
     rates = iter(found.tolist())
-    derivatives = {
-        name: one.gathered([next(rates) for _ in one.indices]) for name, one in entries.items()
-    } or {one.name: np.array(next(rates)) for one in changes}
+    derivatives = {}
+    for name, parts in changes.items():
+        each = [next(rates) for _ in parts]
+        derivatives[name] = entries[name].gathered(each) if name in entries else np.array(each[0])
     return Gradient(value=value, derivatives=derivatives)
+
+
+def _with_parameter(experiment: Experiment, name: str, value: float) -> Described:
+    """An experiment with another value of one of the parameters of its problem."""
+    given = experiment.problem_specification
+    problem = build_problem({**given, "parameters": {**given["parameters"], name: value}})
+    return _described(replace(experiment, problem=problem), {})
 
 
 def _described(subject: Subject, values: Mapping[str, float]) -> Described:

@@ -123,14 +123,16 @@ def numbers_of(scene: Scene, names: Observations | None = None) -> dict[str, Arr
 
 
 def entries_of(scene: Scene, names: Observations | None = None) -> dict[str, Entry]:
-    """The numbers of a scene that users may name; parameters of formulas have their own names."""
+    """The numbers of a scene that users may name; ``forcing.<parameter>`` in all formulas."""
     numbers, together = numbers_of(scene, names), dict[str, list[str]]()
     for name in numbers:
         kind, _, rest = name.partition(".")
         last = rest.rpartition(".")[2]
-        if kind in ("potential", "lagrangian", "forcing", "inputs"):
+        if kind in ("potential", "lagrangian"):
+            together[name] = [f"names.{last}", name]
+        elif kind in ("forcing", "inputs"):
             if last.isidentifier():
-                together.setdefault(last, [f"names.{last}"]).append(name)
+                together.setdefault(f"forcing.{last}", [f"names.{last}"]).append(name)
         elif kind != "names" and (kind, last) != ("laws", "spring"):
             together[name] = [name]
     return {

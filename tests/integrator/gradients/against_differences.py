@@ -24,11 +24,11 @@ def changes(scene: Scene, *names: str) -> list[Parameter]:
 
 def changed(scene: Scene, name: str, value: np.ndarray) -> Scene:
     """The scene with another value under a name."""
-    kind = "lagrangian" if scene.lagrangian else "potential"
-    own: Any = getattr(scene, kind)
-    if name not in getattr(own, "parameters", ()):
+    kind, _, last = name.partition(".")
+    if kind not in ("potential", "lagrangian"):
         return moved(scene, {name: value})
-    own = replace(own, parameters={**own.parameters, name: float(value)})
+    own: Any = getattr(scene, kind)
+    own = replace(own, parameters={**own.parameters, last: float(value)})
     if kind == "potential":
         return replace(scene, potential=own)
     at = own.derivatives(scene.initial_position, scene.initial_velocity, 0.0)

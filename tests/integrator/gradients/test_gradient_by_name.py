@@ -91,3 +91,27 @@ def test_quantities_of_an_experiment():
         again = fvi.gradient(of, "gauss8", 16, fvi.quantity_at(text, 1.3), values)
         assert again["order"] == pytest.approx(float(found["damping.0.order"]), rel=1e-9)
         assert again["w"] == pytest.approx(float(found["w"]), rel=1e-9)
+
+
+def test_a_parameter_of_an_experiment_wherever_it_stands():
+    """In the masses, in the potential and in the quantity; the control: in the potential alone."""
+    problem = {
+        "kind": "lagrangian",
+        "coordinates": ["x"],
+        "parameters": {"m": 1.3},
+        "lagrangian": "m*vx**2/2 + 2*m*cos(x) - x**4",
+        "initial": {"position": [1.0]},
+        "final_time": 4.0,
+    }
+    config = {"name": "a", "problem": problem, "method": "gauss4", "ladder": {"steps": [60]}}
+    (experiment,) = fvi.load(config).experiments
+    quantity = fvi.quantity_at("m*vx", 3.0)
+    found = fvi.gradient(experiment, "gauss4", 60, quantity, ["m", "potential.m"])
+
+    def value(m: float) -> float:
+        changed = build_problem({**problem, "parameters": {"m": m}})
+        return fvi.gradient(changed, "gauss4", 60, quantity, []).value
+
+    slope = (value(1.3 + 1e-4) - value(1.3 - 1e-4)) / 2e-4
+    assert float(found["m"]) == pytest.approx(slope, rel=1e-6)
+    assert abs(float(found["potential.m"]) - slope) > 0.1
