@@ -122,7 +122,7 @@ def gradient(
                 f"a list of some of {', '.join(known)}"
             )
         for name in known if parameters is None else parameters:
-            if name in named:
+            if isinstance(scene, Experiment) and name in named:
                 family = partial(_with_parameter, scene, name)
                 changes[name] = [parameter_of(name, family, float(named[name]), described)]
             else:
