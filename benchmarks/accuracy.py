@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from benchmarks.measuring import Figure, yardstick_seconds
+from benchmarks.measuring import Figure, figure_of, yardstick_seconds
 from fvi_cli.api import cost, load
 from fvi_cli.integrator.method import Baseline
 from fvi_cli.studies.cost import CostTable
@@ -15,32 +15,23 @@ CONFIGS = ("cost-pendulum", "cost-step-forced")
 def run_accuracy() -> list[Figure]:
     """Measure the configurations and the yardstick, all in this process."""
     pendulum, step_forced = (table for name in CONFIGS for table in cost(load(name)))
-    return [pendulum_figure(pendulum), step_figure(step_forced, yardstick_seconds(2**20))]
+    return [pendulum_figure(pendulum), step_figure(step_forced)]
 
 
 def pendulum_figure(table: CostTable) -> Figure:
     """Our time over that of the fastest baseline, for errors of 1e-7."""
     ours, theirs = (_least(table, 1e-7, of_baselines=own) for own in (False, True))
-    return Figure(
-        name="pendulum to 1e-7: our time over the fastest baseline's",
-        measured=ours / theirs,
-        goal=0.1,
-        how=f"{ours:.2g} s over {theirs:.2g} s; infinite where no baseline gets there",
-    )
+    name = "pendulum to 1e-7: our time over the fastest baseline's"
+    return figure_of(name, 0.1, ours, theirs)
 
 
-def step_figure(table: CostTable, yardstick: float) -> Figure:
+def step_figure(table: CostTable) -> Figure:
     """Our time over one transform, for errors of 1e-9 beside jumps."""
-    ours = _least(table, 1e-9, of_baselines=False)
-    return Figure(
-        name="step-forced Bagley-Torvik, T = 50, to 1e-9, over one rfft of 2^20 points",
-        measured=ours / yardstick,
-        goal=5.0,
-        how=f"{ours:.2g} s over {yardstick:.2g} s",
-    )
+    name = "step-forced Bagley-Torvik, T = 50, to 1e-9, over one rfft of 2^20 points"
+    return figure_of(name, 5.0, _least(table, 1e-9), yardstick_seconds(2**20))
 
 
-def _least(table: CostTable, accuracy: float, *, of_baselines: bool) -> float:
+def _least(table: CostTable, accuracy: float, *, of_baselines: bool = False) -> float:
     """Least time to an error of at most `accuracy`; infinite: not reached."""
     rows = [one for one in table.rows if isinstance(one.run.method, Baseline) == of_baselines]
     reached = (one.seconds for one in rows if one.is_usable and one.error <= accuracy)

@@ -19,6 +19,8 @@ from pathlib import Path
 
 import mpmath
 
+from tests.oracles.contour import talbot_inverse
+
 MASS, STIFFNESS, ORDER, COEFFICIENT, START = 2.0, 30.0, 0.62, 0.9, 0.03
 DEVIATION, NUMBER, LAST = 0.0004, 160, 8.0
 MOUNTED, RELAXED, UNRELAXED, MOUNT_ORDER, MOUNT_TIME = 4.0, 1.0e4, 8.0e4, 0.6, 0.005
@@ -28,31 +30,23 @@ BENCH_DEVIATION, SAMPLES, BENCH_LAST = 20.0, 121, 6.0
 CONFIGS = Path(__file__).parents[1] / "configs"
 
 
-def position(time: float) -> float:
-    """The exact motion, 30 digits in between."""
-    with mpmath.workdps(30):
-
-        def transform(s: mpmath.mpc) -> mpmath.mpc:
-            damping = COEFFICIENT * s ** mpmath.mpf(ORDER)
-            return START * (MASS * s + damping / s) / (MASS * s**2 + damping + STIFFNESS)
-
-        return float(mpmath.invertlaplace(transform, time, method="talbot", degree=60))
+def moved(s: mpmath.mpc) -> mpmath.mpc:
+    """Laplace transform of the motion."""
+    damping = COEFFICIENT * s ** mpmath.mpf(ORDER)
+    return START * (MASS * s + damping / s) / (MASS * s**2 + damping + STIFFNESS)
 
 
-def uniform_numbers(seed: int, count: int) -> list[float]:
+def uniform_numbers(seed: int) -> Iterator[float]:
     """Numbers between 0 and 1 by Park and Miller's generator."""
-    found = []
-    for _ in range(count):
+    while True:
         seed = 16807 * seed % 2147483647
-        found.append(seed / 2147483647)
-    return found
+        yield seed / 2147483647
 
 
-def normal_numbers(seed: int, count: int) -> Iterator[float]:
+def normal_numbers(drawn: Iterator[float]) -> Iterator[float]:
     """Numbers of the normal distribution, by Box and Muller."""
-    drawn = iter(uniform_numbers(seed, 2 * count))
-    for one, other in zip(drawn, drawn, strict=True):
-        yield math.sqrt(-2.0 * math.log(one)) * math.cos(2.0 * math.pi * other)
+    for one in drawn:
+        yield math.sqrt(-2.0 * math.log(one)) * math.cos(2.0 * math.pi * next(drawn))
 
 
 def acceleration(frequency: float) -> complex:
@@ -65,19 +59,19 @@ def acceleration(frequency: float) -> complex:
 
 def decay() -> list[str]:
     """Lines of the decay."""
-    drawn = iter(uniform_numbers(20_240_318, 3 * NUMBER))
+    drawn = uniform_numbers(20_240_318)
+    noise = normal_numbers(drawn)
     lines = ["# free decay, see benchmarks/fit_data.py", "t,displacement"]
     for index in range(NUMBER):
         time = round((index + 0.8 * next(drawn) + 0.1) * LAST / NUMBER, 4)
-        one, other = next(drawn), next(drawn)
-        noise = math.sqrt(-2.0 * math.log(one)) * math.cos(2.0 * math.pi * other)
-        lines.append(f"{time:.4f},{position(time) + DEVIATION * noise:.6f}")
+        (exact,) = talbot_inverse(moved, [time], largest_frequency=math.sqrt(STIFFNESS / MASS))
+        lines.append(f"{time:.4f},{exact + DEVIATION * next(noise):.6f}")
     return lines
 
 
 def response() -> list[str]:
     """Lines of the response."""
-    noise = normal_numbers(20_240_319, 2 * FREQUENCIES)
+    noise = normal_numbers(uniform_numbers(20_240_319))
     lines = ["# acceleration over force, see benchmarks/fit_data.py", "frequency,real,imaginary"]
     for index in range(FREQUENCIES):
         frequency = round(LOWEST * (HIGHEST / LOWEST) ** (index / (FREQUENCIES - 1)), 3)
@@ -98,21 +92,21 @@ def ramp(time: float) -> float:
 def bench_forces() -> list[tuple[float, float, float]]:
     """Times, displacements and exact forces on the bench: straight lines between its samples."""
     step = BENCH_LAST / (SAMPLES - 1)
-    moved = [0.01 * math.sin(4.0 * k * step) * (1.0 + k * step / 6.0) for k in range(SAMPLES)]
-    moved = [round(one, 7) for one in moved]
+    path = [0.01 * math.sin(4.0 * k * step) * (1.0 + k * step / 6.0) for k in range(SAMPLES)]
+    path = [round(one, 7) for one in path]
     ramps = [0.0, *(ramp(k * step) for k in range(1, SAMPLES))]
-    slopes = [(b - a) / step for a, b in itertools.pairwise(moved)]
+    slopes = [(b - a) / step for a, b in itertools.pairwise(path)]
     changes = [b - a for a, b in itertools.pairwise([0.0, *slopes])]
     forces = [sum(changes[k] * ramps[i - k] for k in range(i)) for i in range(SAMPLES)]
-    return [(k * step, u, force) for k, (u, force) in enumerate(zip(moved, forces, strict=True))]
+    return [(k * step, u, force) for k, (u, force) in enumerate(zip(path, forces, strict=True))]
 
 
 def bench() -> list[str]:
     """Lines of the test on the bench."""
-    noise = normal_numbers(20_240_320, SAMPLES)
+    noise = normal_numbers(uniform_numbers(20_240_320))
     lines = ["# a damper on the bench, see benchmarks/fit_data.py", "t,displacement,force"]
-    for time, moved, force in bench_forces():
-        lines.append(f"{time:.2f},{moved:.7f},{force + BENCH_DEVIATION * next(noise):.2f}")
+    for time, displacement, force in bench_forces():
+        lines.append(f"{time:.2f},{displacement:.7f},{force + BENCH_DEVIATION * next(noise):.2f}")
     return lines
 
 

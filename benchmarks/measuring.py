@@ -45,6 +45,12 @@ class Figure:
         return self.measured <= self.goal
 
 
+def figure_of(name: str, goal: float, ours: float, theirs: float) -> Figure:
+    """The ratio of two times."""
+    how = f"{ours:.3g} s over {theirs:.3g} s"
+    return Figure(name=name, measured=ours / theirs, goal=goal, how=how)
+
+
 def in_own_process(action: Callable[..., Answer], *arguments: object) -> Answer:
     """What `action` returns in a fresh process that keeps freed memory and has one core.
 

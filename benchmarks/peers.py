@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
 
 import fvi_cli as fvi
 from benchmarks.measuring import least_seconds, number, table
@@ -61,45 +62,37 @@ PROBLEMS = (
 )
 
 
-def _of_package(name: str) -> Solver:
-    return lambda problem, n_steps: np.asarray(
-        fvi.integrate(problem.scene, name, n_steps).position[:, 0]
+def _of_package(name: str, problem: PeerProblem, n_steps: int) -> Array:
+    return np.asarray(fvi.integrate(problem.scene, name, n_steps).position[:, 0])
+
+
+def _trapezoidal(problem: PeerProblem, n_steps: int) -> Array:
+    methods = importlib.import_module("pycaputo.fode.caputo")
+    derivative = importlib.import_module("pycaputo.derivatives").CaputoDerivative
+    controller = importlib.import_module("pycaputo.controller").make_fixed_controller
+    stepping = importlib.import_module("pycaputo.stepping")
+    h = END / n_steps
+
+    def rate(t: float, y: Array) -> Array:
+        return np.array([y[1], y[2], -MU * y[1] - problem.force(y[:1])[0]])
+
+    def jacobian(t: float, y: Array) -> Array:
+        last = [-problem.slope(y[:1])[0], -MU, 0.0]
+        return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], last])
+
+    stepper = methods.Trapezoidal(
+        ds=tuple(map(derivative, (problem.order, 1.0 - problem.order, 1.0))),
+        # round-off may end it a step early: one more is asked for and not used
+        control=controller(h, tstart=0.0, nsteps=n_steps + 1),
+        source=rate,
+        source_jac=jacobian,
+        y0=(np.array([1.0, 0.0, 0.0]),),
     )
-
-
-def _pycaputo(scheme: str) -> Solver:
-    def solve(problem: PeerProblem, n_steps: int) -> Array:
-        methods = importlib.import_module("pycaputo.fode.caputo")
-        derivative = importlib.import_module("pycaputo.derivatives").CaputoDerivative
-        controller = importlib.import_module("pycaputo.controller").make_fixed_controller
-        stepping = importlib.import_module("pycaputo.stepping")
-        h = END / n_steps
-
-        def rate(t: float, y: Array) -> Array:
-            return np.array([y[1], y[2], -MU * y[1] - problem.force(y[:1])[0]])
-
-        def jacobian(t: float, y: Array) -> Array:
-            last = [-problem.slope(y[:1])[0], -MU, 0.0]
-            return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], last])
-
-        more = {"corrector_iterations": 1} if scheme == "PECE" else {"source_jac": jacobian}
-        stepper = getattr(methods, scheme)(
-            ds=tuple(map(derivative, (problem.order, 1.0 - problem.order, 1.0))),
-            # round-off may end it a step early: one more is asked for and not used
-            control=controller(h, tstart=0.0, nsteps=n_steps + 1),
-            source=rate,
-            y0=(np.array([1.0, 0.0, 0.0]),),
-            **more,
-        )
-        events = itertools.islice(stepping.evolve(stepper, dtinit=h), n_steps + 1)
-        return np.array([event.y[0] for event in events])
-
-    return solve
+    events = itertools.islice(stepping.evolve(stepper, dtinit=h), n_steps + 1)
+    return np.array([event.y[0] for event in events])
 
 
 def _dop853(problem: PeerProblem, n_steps: int) -> Array:
-    from scipy.integrate import solve_ivp
-
     def rate(t: float, y: Array) -> Array:
         return np.array([y[1], -MU * y[1] - problem.force(y[:1])[0]])
 
@@ -122,12 +115,13 @@ def _dop853(problem: PeerProblem, n_steps: int) -> Array:
 def solvers(problem: PeerProblem) -> dict[str, Solver]:
     """Methods of this package, and those of others that are installed and take the problem."""
     names = ["gauss2", "gauss3", "bdf2", "gruenwald-letnikov", "product-integration"]
-    found = {f"fvi {name}": _of_package(name) for name in names}
+    found: dict[str, Solver] = {
+        f"fvi {name}": functools.partial(_of_package, name) for name in names
+    }
     if problem.order == 1.0:
         return {**found, "SciPy DOP853": _dop853}
     if importlib.util.find_spec("pycaputo"):
-        found["pycaputo PECE"] = _pycaputo("PECE")
-        found["pycaputo trapezoidal"] = _pycaputo("Trapezoidal")
+        found["pycaputo trapezoidal"] = _trapezoidal
     return found
 
 

@@ -14,6 +14,7 @@ import fvi_cli as fvi
 from benchmarks.measuring import (
     Action,
     Figure,
+    figure_of,
     in_own_process,
     processor_seconds,
     yardstick_seconds,
@@ -27,8 +28,7 @@ def _compared(name: str, goal: float, work: Action, reference: Action) -> Figure
     reference()
     pairs = [(processor_seconds(work), processor_seconds(reference)) for _ in range(3)]
     ours, theirs = (min(own) for own in zip(*pairs, strict=True))
-    how = f"{ours:.3g} s over {theirs:.3g} s"
-    return Figure(name=name, measured=ours / theirs, goal=goal, how=how)
+    return figure_of(name, goal, ours, theirs)
 
 
 @contextmanager
@@ -73,82 +73,58 @@ def building_row(size: int = 300, samples: int = 4000) -> Figure:
         )
 
 
-def _duffing(sweep: Mapping[str, Any] | Sequence[Mapping[str, Any]], **more: Any) -> dict[str, Any]:
-    """Members of a driven oscillator with fractional damping."""
-    return {
-        "name": "duffing",
-        "problem": {
-            "kind": "duffing",
-            "stiffness": -1.0,
-            "cubic_stiffness": 1.0,
-            "damping": [{"order": 0.6, "coefficient": 0.25}],
-            "parameters": {"F": 0.3},
-            "forcing": "F*cos(1.1*t)",
-            "initial": {"position": 0.5},
-            "final_time": 60.0,
-            "exact": "none",
-        },
-        "sweep": sweep,
-        "method": {"rk": "gauss", "degree": 4},
-        "ladder": {"steps": [480]},
-        **more,
-    }
-
-
-def _batch(drives: Sequence[float], starts: Sequence[float]) -> Action:
-    """The same members in one batch of the integrator."""
-    scenes = [
-        fvi.duffing(
-            stiffness=-1.0,
-            cubic_stiffness=1.0,
-            damping=[fvi.FractionalDamping(order=0.6, coefficient=0.25)],
-            forcing=f"{drive!r}*cos(1.1*t)",
-            initial_position=start,
-            final_time=60.0,
-        )
-        for drive, start in zip(drives, starts, strict=True)
-    ]
-    method = fvi.method_named("gauss4")
-    return lambda: fvi.integrate_members(scenes, method, 480)
-
-
-def sweep_row(number_of_members: int = 60) -> Figure:
-    """A sweep by ``fvi.run`` and its members in one batch."""
-    drives = np.linspace(0.2, 0.4, number_of_members).tolist()
-    config = fvi.load(_duffing({"problem.parameters.F": drives}))
+def members_row(name: str, goal: float, sweep: Any, **asked: Any) -> Figure:
+    """Driven oscillators with fractional damping by ``fvi.run``, and in one batch."""
+    config = fvi.load(
+        {
+            "name": "duffing",
+            "problem": {
+                "kind": "duffing",
+                "stiffness": -1.0,
+                "cubic_stiffness": 1.0,
+                "damping": [{"order": 0.6, "coefficient": 0.25}],
+                "parameters": {"F": 0.3},
+                "forcing": "F*cos(1.1*t)",
+                "initial": {"position": 0.5},
+                "final_time": 60.0,
+                "exact": "none",
+            },
+            "sweep": sweep,
+            "method": {"rk": "gauss", "degree": 4},
+            "ladder": {"steps": [480]},
+            **asked,
+        }
+    )
+    (experiment,) = config.experiments
+    scenes = [scene for run in experiment.runs() if (scene := run.problem.scene)]
     return _compared(
-        f"{number_of_members} Duffing members: fvi.run / integrate_members",
-        1.3,
+        f"{name}: fvi.run / integrate_members",
+        goal,
         lambda: fvi.run(config),
-        _batch(drives, [0.5] * number_of_members),
+        lambda: fvi.integrate_members(scenes, "gauss4", 480),
     )
 
 
-def bifurcation_row(number_of_members: int = 40) -> Figure:
+def sweep_row(number: int = 60) -> Figure:
+    """A sweep."""
+    drives = np.linspace(0.2, 0.4, number).tolist()
+    return members_row(f"{number} Duffing members", 1.3, {"problem.parameters.F": drives})
+
+
+def bifurcation_row(number: int = 40) -> Figure:
     """A bifurcation diagram: an event in every period of the drive."""
-    drives = np.linspace(0.2, 0.4, number_of_members).tolist()
+    drives = np.linspace(0.2, 0.4, number).tolist()
     events = {"period": {"when": "sin(1.1*t)", "direction": "rising"}}
-    config = fvi.load(_duffing({"problem.parameters.F": drives}, events=events))
-    return _compared(
-        f"bifurcation of {number_of_members} drives: fvi.run / integrate_members",
-        2.0,
-        lambda: fvi.run(config),
-        _batch(drives, [0.5] * number_of_members),
-    )
+    sweep = {"problem.parameters.F": drives}
+    return members_row(f"bifurcation of {number} drives", 2.0, sweep, events=events)
 
 
-def ensemble_row(number_of_members: int = 200) -> Figure:
-    """An ensemble of random starts with output and an event."""
-    starts = (0.5 + 1e-3 * np.random.default_rng(2).normal(size=number_of_members)).tolist()
+def ensemble_row(number: int = 200) -> Figure:
+    """An ensemble of random starts with output and a quantity."""
+    starts = (0.5 + 1e-3 * np.random.default_rng(2).normal(size=number)).tolist()
     asked = {"output": {"step": 0.1}, "quantities": {"speed": "vx"}}
-    members = [{"problem.initial.position": start} for start in starts]
-    config = fvi.load(_duffing(members, **asked))
-    return _compared(
-        f"ensemble of {number_of_members} starts: fvi.run / integrate_members",
-        2.0,
-        lambda: fvi.run(config),
-        _batch([0.3] * number_of_members, starts),
-    )
+    sweep = [{"problem.initial.position": start} for start in starts]
+    return members_row(f"ensemble of {number} starts", 2.0, sweep, **asked)
 
 
 LAWS: Mapping[str, Mapping[str, Any]] = {
@@ -157,13 +133,15 @@ LAWS: Mapping[str, Mapping[str, Any]] = {
     "springpot": {"order": 0.5, "coefficient": 1.0e5},
     "kelvin-voigt": {"law": "kelvin-voigt", "stiffness": 1.0e5, "coefficient": 1.0e4},
 }
-LARGEST: Mapping[str, Mapping[str, float]] = {"order": {"from": 0.05, "to": 0.95}}
 
 
 def _model(start: Mapping[str, Any]) -> dict[str, Any]:
     """All numbers of a law as parameters of a fit."""
-    names = [f"problem.law.{key}" for key in start if key != "law"]
-    ranges = {name: LARGEST.get(name.rpartition(".")[2], {"from": 0.0}) for name in names}
+    ranges = {
+        f"problem.law.{key}": {"from": 0.05, "to": 0.95} if key == "order" else {"from": 0.0}
+        for key in start
+        if key != "law"
+    }
     return {"set": {"problem.law": dict(start)}, "parameters": ranges}
 
 
@@ -186,7 +164,6 @@ def fit_row(samples: int = 1500) -> Figure:
         (made,) = fvi.run(fvi.load({**bench, **asked}))
         force = made.to_dataframe("motions")["f"].to_numpy()
     noisy = force + 20.0 * np.random.default_rng(3).normal(size=samples)
-    transform = yardstick_seconds(2**20)
     with _columns(t=times, u=moved, f=noisy) as path:
         bench["problem"] = {
             "kind": "material",
@@ -196,12 +173,8 @@ def fit_row(samples: int = 1500) -> Figure:
         data = {"file": path, "time": "t", "columns": {"force": "f"}}
         config = fvi.load({**bench, "fit": {"data": data, **first, "models": models}})
         seconds = processor_seconds(lambda: fvi.fit(config))
-    return Figure(
-        name=f"four laws fitted to {samples} samples / transforms rfft(2^20)",
-        measured=seconds / transform,
-        goal=400.0,
-        how=f"{seconds:.3g} s over {transform:.3g} s",
-    )
+    name = f"four laws fitted to {samples} samples / transforms rfft(2^20)"
+    return figure_of(name, 400.0, seconds, yardstick_seconds(2**20))
 
 
 ROWS: Sequence[Callable[[], Figure]] = (

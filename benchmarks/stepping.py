@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.measuring import in_own_process, number, peak_doubles, table, yardstick_seconds
+from benchmarks.measuring import in_own_process, number, table, yardstick_seconds
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
@@ -50,7 +50,6 @@ class SteppingRow(NamedTuple):
     setup: float
     error: float
     growth: float  # log of the ratio of times over that of N, from 2^14 steps on
-    doubles_per_step: float
     operations_per_step: float
 
     @property
@@ -102,7 +101,6 @@ def measure_stepping(case: SteppingCase, repeats: int) -> SteppingRow:
         setup=min(one.setup_seconds for one in runs) / yardstick,
         error=error,
         growth=growth,
-        doubles_per_step=peak_doubles(lambda: integrate(scene, case.method, n_steps), n_steps),
         operations_per_step=runs[0].history_operations / n_steps,
     )
 
@@ -114,7 +112,7 @@ def run_stepping(exponent: int = 20) -> list[SteppingRow]:
 
 def stepping_table(rows: Sequence[SteppingRow]) -> str:
     """The table, times as multiples of the yardstick."""
-    head = "case, N, stepping, at most, set-up, error, at most, growth, doubles per step"
+    head = "case, N, stepping, at most, set-up, error, at most, growth"
     return table(
         "Times are multiples of one `scipy.fft.rfft` of length 2N on the same core; linear is "
         "x = t^4 on [0, 1].",
@@ -130,7 +128,6 @@ def stepping_table(rows: Sequence[SteppingRow]) -> str:
                 number(row.error, ".1e"),
                 number(case.largest_error, ".0e"),
                 number(row.growth, ".2f"),
-                number(row.doubles_per_step, ".1f"),
                 number(row.operations_per_step, ".0f"),
                 "yes" if row.is_met else "no",
             )

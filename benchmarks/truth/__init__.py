@@ -15,14 +15,12 @@ from benchmarks.truth import linear, motions, others
 from benchmarks.truth.judging import Change, Judged, Kind, judge
 
 KINDS: Mapping[str, tuple[Kind, int]] = {
-    "run: errors": (motions.ladder, 260),
-    "run: tolerances": (motions.tolerance, 260),
+    "run: tolerances": (motions.tolerance, 300),
     "run: laws": (others.laws, 200),
     "run: impacts": (others.impacts, 200),
-    "convergence": (motions.convergence, 120),
-    "quantities": (motions.quantities, 180),
+    "convergence": (motions.convergence, 340),
+    "quantities": (motions.quantities, 230),
     "events": (motions.events, 180),
-    "sweep": (motions.sweep, 50),
     "modes": (linear.modes, 220),
     "response": (linear.response, 150),
     "stability": (linear.stability, 160),

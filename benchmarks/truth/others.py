@@ -3,115 +3,93 @@
 from __future__ import annotations
 
 import json
-import math
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-import mpmath
 import numpy as np
 from scipy.signal import argrelmin
 
 import fvi_cli as fvi
 from benchmarks.truth.judging import Claim, Claims, Random, RefusedError, UnjudgedError
-from benchmarks.truth.motions import FIRST_DIGITS, refuse_what_is_said, repeat
-from benchmarks.truth.scenes import ORACLE_TOLERANCE, Array, draw_order, draw_units
-from tests.oracles.contour import talbot_inverse
+from benchmarks.truth.motions import FIRST_DIGITS, met, refuse_what_is_said, repeat
+from benchmarks.truth.scenes import ORACLE_TOLERANCE, Array, Scene, draw_order, draw_units
 from tests.oracles.impacts import LinearBounces
+from tests.oracles.linear_response import (
+    Equation,
+    ExactSolution,
+    Input,
+    LinearResponse,
+    match_scene,
+)
 from tests.oracles.ordinary import solve_ordinary
-from tests.oracles.volterra import solve_volterra
-
-N_TIMES = 2
 
 
-def laws(random: Random, words: list[str]) -> Claims:
-    """Positions and velocities of linear scenes with laws, and of pendulums with Prony series."""
+class Modulus(NamedTuple):
+    """What a law has beside its relaxed modulus: the kernel's transform times s."""
+
+    order: float
+    rest: float
+    size: float
+
+    def transform(self, s: Any) -> Any:
+        """That of the kernel."""
+        power = (s * self.rest) ** self.order
+        return self.size * power / (1 + power) / s
+
+
+def draw_relaxing(random: Random) -> Scene:
+    """An oscillator with a law of three kinds, or a pendulum with a Prony series."""
     units = draw_units(random, 1, apart=0)
     tau, length, energy = units.time, float(units.lengths[0]), units.energy
-    stiff, span = energy / length**2, float(random.uniform(2, 8))
-    k, x0, v0 = float(random.uniform(0.3, 4)), *(float(v) for v in random.normal(size=2))
-    order, rest = float(random.uniform(0.1, 0.97)), float(10 ** random.uniform(-2, 1))
-    size, relaxed = float(10 ** random.uniform(-1.5, 0.7)), float(random.uniform(0, 2))
-    moduli, times = (10 ** random.uniform(-1, 0.5, (2, 2))).tolist()
-    kind = str(random.choice(["zener", "maxwell", "prony"]))
-    is_pendulum = random.random() < 0.4
-    if is_pendulum:
-        kind, relaxed = "prony", 0.0
-    cole = {"order": order, "time": rest * tau}
+    stiff, span = energy / length**2, random.uniform(2, 8)
+    k, (x0, v0) = random.uniform(0.3, 4), random.normal(size=2).tolist()
+    kind = str(random.choice(["zener", "maxwell", "prony", "pendulum"]))
+    relaxed = random.uniform(0, 2) if kind in ("zener", "prony") else 0.0
+    sizes, rests = (10 ** random.uniform(-1, 0.5, (2, 2))).tolist()
+    kernels = [Modulus(1.0, rest, size) for rest, size in zip(rests, sizes, strict=True)]
     entry: dict[str, Any] = {
-        "zener": {**cole, "relaxed": relaxed, "unrelaxed": relaxed + size},
-        "maxwell": {**cole, "modulus": size},
-        "prony": {"relaxed": relaxed, "moduli": moduli, "times": [t * tau for t in times]},
-    }[kind]
-
-    def rising(s: Any) -> Any:
-        """The modulus of the law beside its relaxed one."""
-        if kind == "prony":
-            return sum(g * s * time / (1 + s * time) for g, time in zip(moduli, times, strict=True))
-        power = (s * rest) ** mpmath.mpf(order)
-        return size * power / (1 + power)
-
-    def transform(s: Any) -> Any:
-        whole = rising(s) + (0.0 if kind == "maxwell" else relaxed)
-        return (s * x0 + v0 + x0 * rising(s) / s) / (s**2 + k + whole)
-
-    plain = np.sort(random.uniform(0.05, 1, N_TIMES)) * span
+        "law": "prony",
+        "relaxed": relaxed,
+        "moduli": sizes,
+        "times": [rest * tau for rest in rests],
+    }
+    if kind in ("zener", "maxwell"):
+        order, rest, size = random.uniform(0.1, 0.97), 10 ** random.uniform(-2, 1), sizes[0]
+        kernels = [Modulus(order, rest, size)]
+        moduli = {"relaxed": relaxed, "unrelaxed": relaxed + size}
+        entry = {"law": kind, "order": order, "time": rest * tau}
+        entry |= moduli if kind == "zener" else {"modulus": size}
     problem: dict[str, Any] = {
-        "damping": [{"law": kind, **entry, "coefficient": stiff}],
+        "damping": [{**entry, "coefficient": stiff}],
         "initial": {"position": x0 * length, "velocity": v0 * length / tau},
         "final_time": span * tau,
-        "exact": "none",
     }
-    if is_pendulum:
-        found = solve_ordinary(
-            lambda t, x, v, z: -k * np.sin(x) - moduli[0] * z[0] - moduli[1] * z[1],
-            x0,
-            v0,
-            span,
-            relaxation_times=times,
-        )
-        x, v = found.position(plain), found.velocity(plain)
+
+    def solve() -> Any:
+        if kind == "pendulum":
+            return solve_ordinary(
+                lambda t, x, v, z: -k * np.sin(x) - sizes[0] * z[0] - sizes[1] * z[1],
+                x0,
+                v0,
+                span,
+                relaxation_times=rests,
+            )
+        equation = Equation({2.0: 1.0, 0.0: k + relaxed}, [(one, 1.0) for one in kernels])
+        response = LinearResponse(equation, [Input({1.0: x0, 0.0: v0}, position=x0)], x0)
+        return ExactSolution(shapes=np.eye(1), responses=(response,))
+
+    if kind == "pendulum":
         text = f"{energy * (tau / length) ** 2 / 2!r}*vx**2 + {energy * k!r}*cos(x/{length!r})"
         problem |= {"kind": "lagrangian", "coordinates": ["x"], "lagrangian": text}
     else:
-        most = math.sqrt(k + relaxed + size + sum(moduli))
-        x, v = (
-            talbot_inverse(one, plain.tolist(), largest_frequency=most)[:, None]
-            for one in (transform, lambda s: s * transform(s) - x0)
-        )
         problem |= {"kind": "damped-oscillator", "mass": stiff * tau**2, "stiffness": stiff * k}
-    relative = float(10 ** random.uniform(-9, -3))
-    config = {
-        "name": "made",
-        "problem": problem,
-        "accuracy": {"relative": relative},
-        "output": {"times": (plain * tau).tolist()},
-        "quantities": {"v": "vx"},
-    }
-    repeat(words, config, "run")
-    (outcome,) = fvi.run(config)
-    (run,) = outcome.finished
-    refuse_what_is_said(run)
-    observed = run.trajectory.observed
-    if observed is None:
-        raise RefusedError("nothing observed")
-    amplitude = max(abs(x0) * length, float(np.max(np.abs(run.trajectory.position))))
-    # the largest position lies between the times; it is within this factor
-    amplitude = max(amplitude, (abs(x0) + abs(v0)) * length)
-    speed = (abs(v0) + math.sqrt(k) * abs(x0) + 0.1) * length / tau
-    for n in range(N_TIMES):
-        yield Claim(
-            f"position at {plain[n] * tau!r}",
-            float(run.trajectory.position[n, 0]),
-            float(x[n, 0]) * length,
-            relative * amplitude + 1e-11 * length,
-        )
-        yield Claim(
-            f"velocity at {plain[n] * tau!r}",
-            float(observed.quantities["v"][n]),
-            float(v[n, 0]) * length / tau,
-            FIRST_DIGITS * speed,
-        )
+    return Scene(problem=problem, names=("x",), units=units, span=span, solve=solve)
+
+
+def laws(random: Random, words: list[str]) -> Claims:
+    """Positions to a tolerance with relaxation laws."""
+    return met(random, words, draw_relaxing(random))
 
 
 def impacts(random: Random, words: list[str]) -> Claims:
@@ -221,19 +199,11 @@ def fit(random: Random, words: list[str]) -> Claims:
 
     def motion(values: Array) -> Array:
         k, order, mu = values.tolist()
-        solution = solve_volterra(
-            1,
-            [(order, mu)],
-            lambda x: k * x,
-            lambda x: np.full((len(x), 1, 1), k),
-            None,
-            1.0,
-            0.0,
-            span,
-            tolerance=1e-9,
-            n_nodes=8,
+        damping = [fvi.FractionalDamping(order=order, coefficient=mu)]
+        scene = fvi.linear_oscillator(
+            stiffness=k, damping=damping, initial_position=1.0, final_time=span
         )
-        return solution.position(times)[:, 0]
+        return match_scene(scene).position(times)[:, 0]
 
     data = motion(truth) + noise * random.normal(size=times.size)
     best = truth

@@ -186,6 +186,11 @@ class ExactSolution:
     shapes: Array
     responses: tuple[LinearResponse, ...]
 
+    @property
+    def error(self) -> Array:
+        """Of the position, beside round-off, for every component."""
+        return np.zeros(len(self.shapes))
+
     def position(self, time: Array) -> Array:
         """At times ``(n,)`` >= 0, shape ``(n, d)``."""
         return np.stack([response(time) for response in self.responses], axis=-1) @ self.shapes.T
