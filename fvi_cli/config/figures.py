@@ -16,14 +16,11 @@ from fvi_cli.studies.experiment import Experiment, FigureKind
 from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member
 
-_EVENTS: Final = "; give events: {turn: {when: vx, direction: falling}}"
-_QUANTITIES: Final = "; give quantities: {drift: x2 - x1}"
 _NEEDS: Final = {
-    "section": f"a section needs events{_EVENTS}",
-    "quantities": f"there are no quantities{_QUANTITIES}",
-    "hysteresis": "it needs the force of a damper; give quantities: {force: force_1}",
+    "section": "events: {turn: {when: vx, direction: falling}}",
+    "quantities": "quantities: {drift: x2 - x1}",
+    "hysteresis": "the force of a damper, quantities: {force: force_1}",
 }
-_SWEEP: Final = "; write sweep: {problem.stiffness: {from: 1, to: 2, number: 9}}"
 
 
 def wrong_figures(
@@ -38,30 +35,30 @@ def wrong_figures(
     quantities = list(observed.quantities or {})
     for index, one in enumerate(figures):
         if isinstance(one, str):
-            there = {"section": events, "quantities": quantities, "hysteresis": quantities}
-            if not there.get(one, True):
-                yield Wrong((index,), _NEEDS[one])
+            if one in _NEEDS and not (events if one == "section" else quantities):
+                yield Wrong((index,), f"it needs {_NEEDS[one]}")
             continue
         if one.file_name in names:
             yield Wrong((index,), "is given twice")
         names.append(one.file_name)
         if one.section is not None:
-            yield from _unknown(one.section, events, "an event", (index, "section"), _EVENTS)
+            yield from _unknown(one.section, events, "an event", (index, "section"))
         elif one.ensemble is not None:
             if len(members) < 2:
                 yield Wrong((index, "ensemble"), "no members to take a mean of; give a sweep")
             known = [*problem.coordinates, *quantities]
             for number, name in enumerate(one.ensemble):
                 place = (index, "ensemble", number)
-                yield from _unknown(name, known, "a coordinate or quantity", place, _QUANTITIES)
+                yield from _unknown(name, known, "a coordinate or quantity", place)
         else:
             which, quantity = one.extent
             if one.plot not in events and not (which and quantity in quantities):
                 known = [*(f"peak_{name}" for name in quantities), *events]
                 what = "peak_<quantity> or an event"
-                yield from _unknown(one.plot or "", known, what, (index, "plot"), _QUANTITIES)
-            key, swept = one.against or "", _swept(members)
-            yield from _unknown(key, swept, "a swept key", (index, "against"), _SWEEP)
+                yield from _unknown(one.plot or "", known, what, (index, "plot"))
+            yield from _unknown(
+                one.against or "", list(_swept(members)), "a swept key", (index, "against")
+            )
         if one.after and one.section is None and one.plot not in events:
             yield Wrong((index, "after"), "for events only: leave it out", of_key=True)
         elif one.after >= problem.final_time:
@@ -89,22 +86,16 @@ def one_figure(given: str | Mapping[str, Any], experiment: Experiment) -> str | 
     return figure
 
 
-def _swept(members: Sequence[Member]) -> list[str]:
+def _swept(members: Sequence[Member]) -> Iterator[str]:
     """The swept keys whose values are numbers."""
-    values = members[0].values if members else {}
-    numbers = [
-        key
-        for key in values
-        if all(isinstance(member.values[key], int | float) for member in members)
-    ]
-    return [key for key in numbers if len({member.values[key] for member in members}) > 1]
+    for key in members[0].values if members else ():
+        values = [member.values[key] for member in members]
+        if all(isinstance(one, int | float) for one in values) and len({*values}) > 1:
+            yield key
 
 
-def _unknown(
-    word: str, known: Collection[str], what: str, place: KeyPath, empty: str = ""
-) -> Iterator[Wrong]:
-    """An unknown word; `empty` is the advice if no word is known."""
+def _unknown(word: str, known: Collection[str], what: str, place: KeyPath) -> Iterator[Wrong]:
+    """An unknown word."""
     if word not in known:
-        near = suggestion(word, known)
-        hint = f"{near} (here: {listed(list(known)[:12])})" if known else empty
-        yield Wrong(place, f"{excerpt(word)!r} is not {what}{hint}")
+        there = f"here: {listed(list(known)[:12])}" if known else "there is none here"
+        yield Wrong(place, f"{excerpt(word)!r} is not {what}{suggestion(word, known)} ({there})")

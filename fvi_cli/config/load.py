@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator, Mapping, Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import ValidationError
 
 from fvi_cli.config.build import Built, build_experiment
 from fvi_cli.config.members import Choice, choices
-from fvi_cli.config.models import ExperimentKeys, FileName, MemberKeys, SeveralExperiments
+from fvi_cli.config.models import LONGEST_NAME, NAME, ExperimentKeys, MemberKeys, SeveralExperiments
 from fvi_cli.config.text.mistakes import Report
 from fvi_cli.config.text.overrides import apply_overrides
 from fvi_cli.config.text.tree import LARGEST_TEXT, Document, MistakesError, Place, read_document
@@ -120,7 +121,10 @@ def _loaded(
             report.extend(mistakes_of(error))
     built: list[Built | None] = []
     names: dict[str, int] = {}
-    for number, values in _experiments(document.value, report):
+    given = document.value.get("experiments", [document.value])
+    for number, values in enumerate(given if isinstance(given, list) else ()):
+        if not isinstance(values, dict):
+            continue
         under = report.under("experiments", number) if several else report
         own = values.get("name", "" if several else name)
         if several and "name" not in values:
@@ -153,22 +157,7 @@ def _name(values: Mapping[str, Any], stem: str, report: Report) -> str:
 
 def is_name(text: str) -> bool:
     """Whether a text can be the name of an experiment, and so part of a file name."""
-    try:
-        TypeAdapter(FileName).validate_python(text)
-    except ValidationError:
-        return False
-    return True
-
-
-def _experiments(values: Mapping[str, Any], report: Report) -> Iterator[tuple[int, dict[str, Any]]]:
-    """The mappings of all experiments, with their numbers."""
-    given = values.get("experiments", [values])
-    for number, one in enumerate(given if isinstance(given, list) else ()):
-        if isinstance(one, dict):
-            yield number, one
-        else:
-            words = f"{describe(one)} is not allowed; it must be a mapping with name, problem, ..."
-            report.add(words, "experiments", number)
+    return len(text) <= LONGEST_NAME and re.fullmatch(NAME, text) is not None
 
 
 def _read(

@@ -100,29 +100,23 @@ class MethodKeys(Keys):
         number = math.prod(len(values) for _, values in self if values is not None)
         if number > MOST_METHODS:
             yield Wrong((), f"{number} combinations; at most {MOST_METHODS} are allowed")
-        elif len(families) < 2:
-            yield from self._wrong_combinations()
-
-    def _wrong_combinations(self) -> Iterator[Wrong]:
-        for combination, numbers in self.combinations():
+            return
+        for combination in self.combinations() if len(families) < 2 else ():
             try:
                 make_method(combination)
             except ArgumentError as error:
                 name = {"start_exponents": "start", "cq": "rk"}.get(error.key, error.key)
-                is_list = len(getattr(self, name, None) or ()) > 1
-                path = (name, numbers[name]) if is_list else (name,)
-                yield Wrong(path, error.message)
+                yield Wrong((name,), error.message)
 
-    def combinations(self) -> Iterator[tuple[dict[str, Any], dict[str, int]]]:
-        """Every combination of the given values, each with their numbers in the lists."""
-        given = {name: values for name, values in self if values is not None}
-        for numbers in itertools.product(*(range(len(values)) for values in given.values())):
-            chosen = dict(zip(given, numbers, strict=True))
-            values = {name: given[name][number] for name, number in chosen.items()}
-            yield (
-                {k: plain(one) if isinstance(one, Keys) else one for k, one in values.items()},
-                chosen,
-            )
+    def combinations(self) -> Iterator[dict[str, Any]]:
+        """Every combination of the given values."""
+        given = {
+            name: [plain(one) if isinstance(one, Keys) else one for one in values]
+            for name, values in self
+            if values is not None
+        }
+        for values in itertools.product(*given.values()):
+            yield dict(zip(given, values, strict=True))
 
 
 def _check_name(name: str) -> str:
@@ -148,5 +142,5 @@ def methods_of(given: Sequence[str | MethodKeys], start: Start) -> Iterator[tupl
         if isinstance(entry, str):
             yield number, make_method(keys_of_name(entry), start=start)
             continue
-        for combination, _ in entry.combinations():
+        for combination in entry.combinations():
             yield number, make_method(combination, start=start)

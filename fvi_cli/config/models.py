@@ -51,7 +51,9 @@ NOT_FOR: Final = {
 EXCLUSIVE: Final = (("accuracy", "ladder"), ("impacts", "accuracy"))
 LADDER: Final = "{steps: [16, 32, 64]} or {from: 4, to: 6, base: 2}"
 
-FileName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
+NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9_-]*$"
+LONGEST_NAME: Final = 100
+FileName = Annotated[str, Field(pattern=NAME, max_length=LONGEST_NAME)]
 """A name that can be part of a file name."""
 Steps = Annotated[int, Field(ge=1, le=MOST_STEPS)]
 Word = Annotated[str, Field(pattern=WORD)]
@@ -359,6 +361,6 @@ class SeveralExperiments(Keys):
     """A file with several experiments."""
 
     name: FileName | None = key("File names come from it. Default: name of this file.", None)
-    experiments: Annotated[list[Any], Field(min_length=1, max_length=1000)] = key(
+    experiments: Annotated[list[dict[str, Any]], Field(min_length=1, max_length=1000)] = key(
         "Experiments, each with its name."
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -42,7 +42,9 @@ def read_observations(
         except ValueError as error:
             report.add(str(error), (*given, "problem")[0], of_key=True)
             break
-    requested = requested_quantities(keys)
+    requested: Mapping[str, str] = keys.quantities or {}  # type: ignore[assignment]
+    if isinstance(keys.quantities, list):
+        requested = {name: name for name in keys.quantities}
     # a quantity of the user's own hides a built-in one
     ready = {k: one for k, one in problem.ready.items() if requested.get(k, k) == k}
     names = names_along(problem, ready)
@@ -58,11 +60,7 @@ def read_observations(
             quantities[name] = found.expand(ready)
     for name, event in (keys.events or {}).items():
         found = _formula(name, event.when, names, problem, report, "events", name, "when")
-        if found is not None and found.is_constant:
-            words = f"{found.text} never changes its sign; for once every period T write "
-            words += "{when: sin(2*pi*t/T), direction: rising}"
-            report.add(words, "events", name, "when")
-        elif found is not None:
+        if found is not None:
             when = found.expand(ready)
             events[name] = Event(when=when, direction=event.direction, stop=event.stop)
     for name, impact in (keys.impacts or {}).items():
@@ -97,12 +95,6 @@ def read_observations(
         inputs=problem.inputs,
         output=None if keys.output is None else plain(keys.output),
     )
-
-
-def requested_quantities(keys: ExperimentKeys) -> Mapping[str, str]:
-    """The formulas under ``quantities`` by name."""
-    given: Any = keys.quantities or {}
-    return {name: name for name in given} if isinstance(given, list) else given
 
 
 def _formula(

@@ -76,15 +76,6 @@ def test_overrides_reach_into_a_sweep():
     assert experiment(listed, "sweep.1.problem.mass=5").members[1].values == {"problem.mass": 5.0}
 
 
-def test_members_that_would_not_fit_into_memory_are_refused(monkeypatch):
-    monkeypatch.setattr("fvi_cli.config.machine.machine_bytes", lambda: 10**6)
-    sweep = "sweep: {problem.stiffness: {from: 1, to: 2, number: 300}}"
-    (told,) = complaints(sweep)
-    assert told.startswith("many.yaml:8:8: sweep: 300 members need about 0.00")
-    monkeypatch.setattr("fvi_cli.config.machine.machine_bytes", lambda: 10**8)
-    assert len(experiment(sweep).members) == 300
-
-
 @pytest.mark.few(3)
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_sweep_in_a_starter_file_is_valid_when_it_is_switched_on(kind):
