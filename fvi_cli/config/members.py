@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import logging
@@ -177,21 +178,14 @@ def _read(choice: Choice, reading: Reading) -> tuple[Mapping[str, Any], Kind | N
         )
     }
     wrong = list(reading.check(kind))
-    return found, kind, wrong or list(_others_changed(found, resolved, choice, reading))
-
-
-def _others_changed(
-    values: Mapping[str, Any], resolved: Mapping[str, Any], choice: Choice, reading: Reading
-) -> Iterator[Wrong]:
-    """Values of a member that do not tell it from the first one."""
-    place: KeyPath = ("designs", choice.name) if choice.name else ("sweep",)
-    try:
-        if with_values(reading.template, values) != resolved:
-            words = "changes entries next to it too; write what holds them as a whole"
-            yield Wrong(place, f"{', '.join(values)} {words}")
-    except LookupError as error:
-        words = "write all entries in every design"
-        yield Wrong(place, f"{', '.join(values)}: {error}; {words}", of_key=True)
+    is_described = False
+    with contextlib.suppress(LookupError):
+        is_described = with_values(reading.template, found) == resolved
+    if not wrong and not is_described:
+        place: KeyPath = ("designs", choice.name) if choice.name else ("sweep",)
+        words = "change entries next to them too; write what holds them as a whole in all members"
+        wrong = [Wrong(place, f"{', '.join(found)}: they {words}")]
+    return found, kind, wrong
 
 
 def remark_on_factors(kind: Kind, choice: Choice, report: Report) -> bool:

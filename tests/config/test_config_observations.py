@@ -114,7 +114,6 @@ def test_parameters_of_a_force_are_known_everywhere_and_swept(tmp_path):
 
 
 SHADOWED = {
-    "duffing": {"forcing": "0.1*cos(t)", "damping": [{"order": 0.5, "coefficient": 0.1}]},
     "lagrangian": {
         "coordinates": ["r", "phi"],
         "lagrangian": "vr**2/2 + vphi**2/2 - r**2 - phi**2",

@@ -56,21 +56,3 @@ def test_mistakes_do_not_fit(entry):
     lines = [line for line in CONFIG.splitlines() if not line.startswith(f"{key}:")]
     wrong = plain("\n".join([*lines, entry]))
     assert list(CHECK.iter_errors(wrong)), entry
-
-
-def objects(schema: object) -> list[dict[str, object]]:
-    if isinstance(schema, list):
-        return [found for entry in schema for found in objects(entry)]
-    if not isinstance(schema, dict):
-        return []
-    inner = [found for entry in schema.values() for found in objects(entry)]
-    return [schema, *inner] if isinstance(schema.get("properties"), dict) else inner
-
-
-def test_the_schema_describes_every_key():
-    found = objects(SCHEMA)
-    assert len(found) > 40
-    for record in found:
-        assert record["additionalProperties"] is False
-        for name, described in record["properties"].items():
-            assert "description" in described or "$ref" in described, name

@@ -42,11 +42,6 @@ def apply_overrides(document: Document, overrides: Sequence[str]) -> list[Mistak
             message = f"{excerpt(override)!r} is not allowed; it must be key.path=value"
             mistakes.append(Mistake(OPTION, (), message))
             continue
-        several = isinstance(document.value, dict) and "experiments" in document.value
-        if several and parts[0] not in ("experiments", "name"):
-            message = f"this file has several experiments; write experiments.0.{parts[0]}, ..."
-            mistakes.append(Mistake(OPTION, (parts[0],), message))
-            continue
         path = key_path(parts, document.value)
         try:
             _apply(document, path, text)
@@ -58,8 +53,6 @@ def apply_overrides(document: Document, overrides: Sequence[str]) -> list[Mistak
 
 
 def _apply(document: Document, path: KeyPath, text: str) -> None:
-    if not text.strip():
-        raise LookupError("the text is empty")
     is_null = text.strip() in ("null", "~")
     new = None if is_null else read_document(text, OPTION.source).value
     base = path[:2] if path[0] == "experiments" else ()
