@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,26 +40,23 @@ class MatrixForce(MatrixEffect):
         If the matrix is not symmetric and finite.
     """
 
-    # a number, a matrix (d, d), dense or sparse, or its factors; kept as the matrix
+    # a number, a matrix (d, d), dense or sparse, or its factors; a number is kept as a matrix
     coefficient: Coefficient
-    factored: Factored | None = None  # the factors, if the matrix was given by them
     name: str = ""  # name of the force in formulas
     number: int = 0  # place among the dampers of a scene, from 1; forces with 0 come last
     storeys: tuple[int, ...] = ()  # parts between which a damper stands, from 1; empty: all
     form: Form = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        # a term that is changed elsewhere keeps its factors, unless its matrix changes
-        given = self.coefficient
-        factored = given if isinstance(given, Factored) else self.factored
-        if isinstance(given, Factored):
-            form = given.form
-        elif factored is not None and given is factored.form:
-            form = factored.form
-        else:
-            factored, form = None, symmetric_form(given, "coefficient")
-        for name, value in (("form", form), ("coefficient", form), ("factored", factored)):
-            object.__setattr__(self, name, value)
+        if self.factored is None:
+            form = symmetric_form(cast(ArrayLike, self.coefficient), "coefficient")
+            object.__setattr__(self, "coefficient", form)
+        object.__setattr__(self, "form", self.factored.form if self.factored else form)
+
+    @property
+    def factored(self) -> Factored | None:
+        """The factors, if the matrix was given by them."""
+        return self.coefficient if isinstance(self.coefficient, Factored) else None
 
     @property
     def matrix(self) -> Array:

@@ -250,19 +250,10 @@ class Scene:
             return self.lagrangian.velocity(position, momentum, time)
         return self.inertia.velocity(momentum)
 
-    def energy(self, position: Array, momentum: Array, time: Array | float | None = None) -> Array:
-        """Hamiltonian p M^-1 p / 2 + V(q) without forcing, shapes ``(..., d)`` to ``(...)``.
-
-        Raises
-        ------
-        ValueError
-            For a Lagrangian that depends on time, where no time is given.
-        """
+    def energy(self, position: Array, momentum: Array, time: Array | float) -> Array:
+        """Hamiltonian p M^-1 p / 2 + V(q) without forcing, shapes ``(..., d)`` to ``(...)``."""
         if self.lagrangian is not None:
-            if time is None and self.lagrangian.depends_on_time:
-                raise ArgumentError("energy", "the Lagrangian depends on t; give the time as well")
-            at = 0.0 if time is None else time
-            return self.lagrangian.energy(position, self.velocity(position, momentum, at), at)
+            return self.lagrangian.energy(position, self.velocity(position, momentum, time), time)
         total = 0.5 * np.einsum("...i,...i->...", momentum, self.inertia.velocity(momentum))
         for one in (self.potential, self.linear_potential):
             if one is not None:

@@ -66,9 +66,10 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
         position = np.array([point.position for point in points])
         velocity = _velocities(method, points, position, steps.h)
         momentum = None if velocity is None else velocity @ scene.inertia.mass
-        energy = None if momentum is None else scene.energy(position, momentum)
+        times = steps.times[: len(points)]
+        energy = None if momentum is None else scene.energy(position, momentum, times)
     return Trajectory(
-        time=steps.times[: len(points)],
+        time=times,
         position=position,
         momentum=momentum,
         energy=energy,

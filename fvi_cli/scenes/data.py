@@ -137,9 +137,8 @@ def with_dampers(
             raise ArgumentError(name, words)
         if one.factored is None and one.dimension == 1:
             own = rows[[storey - 1 for storey in one.storeys]] if one.storeys else rows
-            placed.append(replace(one, coefficient=Factored(rows=own, inner=one.matrix[0, 0])))
-        else:
-            placed.append(one)
+            one = replace(one, coefficient=Factored(rows=own, inner=one.matrix[0, 0]))
+        placed.append(one)
     return {**data, "damping": placed}
 
 

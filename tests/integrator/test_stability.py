@@ -309,6 +309,6 @@ def test_large_scenes_without_modes_are_decided_where_that_is_proved():
         assert "100 coupled components" in unknown.reason
     (term,) = scene.damping
     fed = dataclasses.replace(
-        scene, damping=(FractionalDamping(order=term.order, coefficient=-term.coefficient),)
+        scene, damping=(FractionalDamping(order=term.order, coefficient=-term.matrix),)
     )
     assert predict_stability(fed, GAUSS, 100).verdict == "unknown"

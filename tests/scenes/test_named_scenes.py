@@ -79,7 +79,7 @@ def test_a_frame_is_its_equation_written_out():
     assert scene.forcing is not None
     assert scene.forcing(np.array(0.7)) == pytest.approx(-np.array([1.2, 1.0, 0.8]) * np.sin(0.7))
     drag = 0.5 * np.diff(x, prepend=0.0)
-    assert scene.damping[0].coefficient @ x == pytest.approx(drag - np.append(drag[1:], 0.0))
+    assert scene.damping[0].matrix @ x == pytest.approx(drag - np.append(drag[1:], 0.0))
 
 
 def test_a_frame_seen_from_outside_of_the_ground():
@@ -109,8 +109,8 @@ def test_a_string_has_the_frequencies_of_its_equation():
     )
     waves = np.array([1, 2, 3]) * np.pi / 0.5
     assert scene.potential.gradient(np.ones(3)) == pytest.approx((2 * waves) ** 2)
-    assert np.diag(scene.damping[1].coefficient) == pytest.approx(0.01 * waves**2)
-    assert np.diag(scene.damping[0].coefficient) == pytest.approx(0.1 * np.ones(3))
+    assert np.diag(scene.damping[1].matrix) == pytest.approx(0.01 * waves**2)
+    assert np.diag(scene.damping[0].matrix) == pytest.approx(0.1 * np.ones(3))
 
 
 @pytest.mark.parametrize(

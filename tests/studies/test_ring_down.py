@@ -36,7 +36,7 @@ class Transform:
     def __init__(self, scene: Scene) -> None:
         self.mass = scene.inertia.mass
         self.stiffness = scene.potential.stiffness
-        self.forces = [(one.symbol, one.coefficient) for one in scene.active_forces]
+        self.forces = [(one.symbol, one.matrix) for one in scene.active_forces]
         self.position, self.velocity = scene.initial_position, scene.initial_velocity
 
     def left(self, s: complex) -> ComplexArray:

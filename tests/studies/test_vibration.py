@@ -62,7 +62,7 @@ def test_ten_modes_of_a_sandwich_beam(beam_modes):
     scene = sandwich(42)
     s = first.frequency
     (law,) = scene.laws
-    left = s**2 * scene.inertia.mass + scene.potential.stiffness + law.symbol(s) * law.coefficient
+    left = s**2 * scene.inertia.mass + scene.potential.stiffness + law.symbol(s) * law.matrix
     assert np.abs(left @ first.shape).max() < 1e-13 * np.abs(left).max()
 
 

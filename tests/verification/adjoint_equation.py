@@ -71,13 +71,13 @@ def integrate_advanced(
     result[n_steps] = end_position
     momentum = mass @ end_velocity
     stiffness = np.einsum("i,ni,mi->nm", tables.weights, tables.slopes, tables.slopes) / h
-    newest = sum((w[0] * term.coefficient for w, term in weights), start=np.zeros((d, d)))
+    newest = sum((w[0] * term.matrix for w, term in weights), start=np.zeros((d, d)))
     for k in range(n_steps - 1, -1, -1):
         values = np.repeat(result[k + 1][None], s + 1, axis=0)
         past = np.zeros((m, d))
         for w, term in weights:
             later = samples[k + 1 : n_steps]
-            past += np.einsum("n,nid->id", w[1 : later.shape[0] + 1], later) @ term.coefficient
+            past += np.einsum("n,nid->id", w[1 : later.shape[0] + 1], later) @ term.matrix
 
         def residual(values: Array, k: int = k, past: Array = past) -> tuple[Array, Array]:
             points = tables.basis.T @ values

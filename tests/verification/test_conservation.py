@@ -191,7 +191,7 @@ def test_the_energy_that_is_lost_is_the_work_of_the_damping(seed, stages):
         for term in scene.damping:
             moving = rate - (scene.initial_velocity if term.order > 1 else 0.0)
             force = left_operator_rk(method, term.order - 1.0 + shift, h, moving)
-            power = np.einsum("kid,de,kie->ki", rate, term.coefficient, force)
+            power = np.einsum("kid,de,kie->ki", rate, term.matrix, force)
             total += h * float((power @ method.b).sum())
         return total
 

@@ -263,7 +263,7 @@ def test_every_route_sees_another_motion(route):
     )
     ROUTES[route](given)
     (first, *others) = given.scene.damping
-    more = replace(first, coefficient=(1 + 1e-7) * first.coefficient)
+    more = replace(first, coefficient=(1 + 1e-7) * first.matrix)
     wrong = replace(given, scenes=(replace(given.scene, damping=(more, *others)),))
     given.__dict__["usual"] = wrong.usual
     with pytest.raises(AssertionError):

@@ -71,7 +71,7 @@ def test_the_data_are_those_of_the_text(name):
         scene = problem.scene
         (term,) = scene.damping
         assert (term.order, scene.final_time) == (2 * alpha, end)
-        assert term.coefficient == pytest.approx(mu)
+        assert term.matrix == pytest.approx(mu)
         assert (scene.initial_position, scene.initial_velocity) == (0.0, velocity)
         t = np.linspace(0.0, end, 33)[1:]
         force = np.zeros(32) if scene.forcing is None else scene.forcing(t)[..., 0]

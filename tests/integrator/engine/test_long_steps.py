@@ -34,7 +34,7 @@ def quartic(rng: np.random.Generator, order: float, final_time: float) -> Scene:
 def motion(scene: Scene) -> Array:
     """The motion of order 1 at the points of a run of few steps, ``(n + 1,)``."""
     own = scene.lagrangian.parameters
-    c, damping = float(own["c"]), float(scene.active_damping[0].coefficient[0, 0])
+    c, damping = float(own["c"]), float(scene.active_damping[0].matrix[0, 0])
 
     def acceleration(t, x, v, z):
         return -(2 * c * x + damping * v) / (1 + 12 * float(own["b"]) * v**2)

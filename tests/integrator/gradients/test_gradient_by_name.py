@@ -33,7 +33,7 @@ def test_numbers_of_a_scene_by_name():
     # a common factor of all forces changes nothing, and the motion is linear in the initial data
     entries = fvi.gradient(
         lambda factor: spring(
-            (0.6, factor * scene.damping[0].coefficient),
+            (0.6, factor * scene.damping[0].matrix),
             T=3.0,
             m=factor * scene.inertia.mass,
             k=factor * scene.potential.stiffness,
@@ -49,7 +49,7 @@ def test_numbers_of_a_scene_by_name():
     together = (
         np.sum(found["mass"] * scene.inertia.mass)
         + np.sum(found["stiffness"] * scene.potential.stiffness)
-        + np.sum(found["damping.0.coefficient"] * scene.damping[0].coefficient)
+        + np.sum(found["damping.0.coefficient"] * scene.damping[0].matrix)
     )
     assert abs(together) < 1e-12 * np.abs(found["mass"]).sum()
     assert found["initial_position"] @ [1.0, 0.0] == pytest.approx(found.value, rel=1e-12)

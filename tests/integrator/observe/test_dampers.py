@@ -90,7 +90,7 @@ def test_works_are_the_loss_of_energy_and_forces_balance_the_motion(seed):
     for place, own in enumerate(forces):
         (damper,) = dampers_of(one)[place]
         columns = np.stack([values[name] for name in own], axis=1)
-        spring_part = getattr(damper, "spring", 0.0) * found.position @ damper.coefficient
+        spring_part = getattr(damper, "spring", 0.0) * found.position @ damper.matrix
         total += columns @ (np.eye(d) if damper.factored is None else damper.factored.rows)
         total -= spring_part
     # near the start the motion is no polynomial
