@@ -67,20 +67,16 @@ class Forcing:
     Raises
     ------
     ValueError
-        If there is no piece, if the ends do not increase or do not start after 0, or if the
-        pieces differ in dimension.
+        If the ends do not increase from 0 to infinity, or if the pieces differ in dimension.
     """
 
     pieces: tuple[ForcingPiece, ...]  # in the order of time; only the last has no end
 
     def __post_init__(self) -> None:
-        if not self.pieces:
-            raise ArgumentError("forcing", "at least one piece is needed")
         ends = [0.0, *(piece.until for piece in self.pieces)]
-        if any(not a < b for a, b in itertools.pairwise(ends)):
-            raise ArgumentError("forcing", f"until must increase from 0, got {ends[1:]}")
-        if self.pieces[-1].until != math.inf:
-            raise ArgumentError("forcing", "the last piece must not have an end")
+        if ends[-1] != math.inf or any(not a < b for a, b in itertools.pairwise(ends)):
+            words = f"until must increase from 0 to no end, got {ends[1:]}"
+            raise ArgumentError("forcing", words)
         if len({len(piece.weights) for piece in self.pieces}) != 1:
             raise ArgumentError("forcing", "all pieces must have the same number of components")
 
@@ -217,9 +213,8 @@ class Forcing:
 
     def is_constant(self, value: Array) -> bool:
         """Whether it is the same vector ``(d,)`` at all times."""
-        return all(isinstance(one, Expression) and one.is_constant for one in self.components) and (
-            all((piece.evaluate(np.zeros(())) == value).all() for piece in self.pieces)
-        )
+        still = all(isinstance(one, Expression) and one.is_constant for one in self.components)
+        return still and all((one.evaluate(np.zeros(())) == value).all() for one in self.pieces)
 
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.

@@ -93,7 +93,7 @@ class PronyKernel:
     Raises
     ------
     ValueError
-        If there are no pairs, or a rate or weight is not positive.
+        If there are no pairs.
     """
 
     masses: tuple[tuple[float, float], ...]  # pairs of a rate x_i > 0 (1/time) and a weight g_i > 0
@@ -103,9 +103,6 @@ class PronyKernel:
     def __post_init__(self) -> None:
         if not self.masses:
             raise ArgumentError("moduli", "at least one is needed")
-        for rate, weight in self.masses:
-            positive(rate, "rate")
-            positive(weight, "weight")
 
     def log_density(self, log_rate: Array) -> Array:
         """Minus infinity: there is no density."""

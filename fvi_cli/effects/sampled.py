@@ -78,12 +78,6 @@ class SampledForce:
         """Number p of coefficients of every piece, the order of the interpolation."""
         return int(self.coefficients.shape[0])
 
-    @property
-    def is_constant(self) -> bool:
-        """Whether the force is the same at all times."""
-        *moving, still = self.coefficients
-        return not np.any(moving) and bool(np.ptp(still) == 0)
-
     def evaluate(self, names: Mapping[str, Any]) -> Array:
         """The force at the times under ``t``.
 
@@ -107,7 +101,6 @@ class FunctionForce:
     # from times of any shape to the force, in the same shape; smooth between the break points of
     # the forcing
     function: Callable[[Array], Array]
-    is_constant = False  # as far as is known of a function
 
     def evaluate(self, names: Mapping[str, Any]) -> Array:
         """The force at the times under ``t``.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Any, Final, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -27,7 +27,6 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, set_arrays
 
 Derivative = Literal["caputo", "riemann-liouville"]
-DERIVATIVES: Final = ("caputo", "riemann-liouville")
 
 
 def dampers_of(given: object, name: str) -> tuple[FractionalDamping | Law, ...]:
@@ -97,9 +96,9 @@ class Scene:
             checked = checked_potential(self.potential, self.initial_position)
             object.__setattr__(self, "potential", checked)
         self._check_effects()
-        if self.derivative not in DERIVATIVES:
+        if self.derivative not in get_args(Derivative):
             raise ArgumentError(
-                "derivative", f"{self.derivative!r} is not one of {', '.join(DERIVATIVES)}"
+                "derivative", f"{self.derivative!r} is not one of {', '.join(get_args(Derivative))}"
             )
         is_singular = self.derivative != "caputo" and np.any(self.initial_position != 0)
         if is_singular and (self.laws or self.acts_above_order_1):

@@ -169,8 +169,6 @@ def build_forcing(
             found = tuple(component(given.get(one, "0"), f"{key}.at.{one}") for one in names)
         else:
             found = _per_coordinate(value, dimension, key, component)
-        if all(one.is_constant and not one.evaluate({"t": 0.0}) for one, _ in found):
-            return None
         zero, ends = _expression("0", key), sorted({math.inf, *(end for _, end in found)})
         components = [tuple(one if end >= until else zero for one, end in found) for until in ends]
     pieces = zip(components, ends, strict=True)

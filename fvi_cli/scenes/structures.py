@@ -238,8 +238,6 @@ def chain(
     """
     if ends not in ("both", "left", "none"):
         raise ArgumentError("ends", f"{ends!r} is not one of both, left, none")
-    if masses < 1:
-        raise ArgumentError("masses", f"{masses!r} is not allowed; there must be at least 1")
     rows = neighbour_rows(masses, ends)
     return structure(
         mass=mass * np.eye(masses),
