@@ -41,8 +41,8 @@ def names_along(problem: Problem, ready: Iterable[str] = ()) -> tuple[str, ...]:
 
 def spoilt_force(formula: Expression, problem: Problem, *, has_impacts: bool) -> str:
     """Why a force or work in a formula has no value; empty: it has one."""
-    forces = {p + name for p in "ad" for name in problem.coordinates} - set(problem.coordinates)
-    return force_objection(problem.scene, formula.names, forces, has_impacts=has_impacts)
+    derived = problem.names.derived
+    return force_objection(problem.scene, formula.names, derived, has_impacts=has_impacts)
 
 
 def other_meanings(observed: Observations, first: AnyProblem, own: AnyProblem) -> Iterator[Wrong]:

@@ -36,7 +36,7 @@ Variables = Callable[[Places, Array], Values]
 
 POINTS = 17  # Chebyshev points of a piece
 AT_A_TIME = 2048  # steps that are divided together
-AT_ONCE = 2**20  # most numbers that are held for the variables of a formula
+AT_ONCE = 2**15  # most places whose variables are held at once
 DECAY = 1e-9  # a piece is resolved if its last coefficients are at most this share of the largest
 MOST_HALVINGS = 10  # below: a kink
 MOST_PIECES = 2**17  # as many as the steps that are divided together have after six halvings
@@ -53,7 +53,6 @@ class FormulaAlong:
 
     expression: Expression
     variables: Variables
-    width: int = 1  # numbers that are held for every place
 
     def __call__(self, steps: Places, tau: Array) -> Array:
         """Values at places: steps and tau ``(n,)``, or ``(n, 1)`` and ``(n, k)``."""
@@ -82,7 +81,7 @@ class FormulaAlong:
 
     def _slices(self, tau: Array) -> Iterator[slice]:
         """So many places at a time that variables take little memory."""
-        count = max(AT_ONCE // (max(self.width, 1) * max(tau[:1].size, 1)), 1)
+        count = max(AT_ONCE // max(tau[:1].size, 1), 1)
         return (slice(first, first + count) for first in range(0, len(tau), count))
 
     def _values(self, tau: Array, variables: Values) -> Array:

@@ -139,17 +139,22 @@ def forces_along(
 
 
 def force_objection(
-    scene: Scene, names: Set[str], forces: Set[str], *, has_impacts: bool = False
+    scene: Scene,
+    names: Set[str],
+    derived: Mapping[str, tuple[str, int]],
+    *,
+    has_impacts: bool = False,
 ) -> str:
     r"""What is wrong with a force or work among the names of an expression; empty: nothing.
 
-    `forces` are the names of accelerations and of the damping on coordinates. Above order 1 the
-    force of a velocity that begins with a jump is like :math:`t^{1 - \gamma}`, and forces at the
+    `derived` are the names of the motion with their prefixes. Above order 1 the force of a velocity
+    that begins with a jump is like :math:`t^{1 - \gamma}`, and forces at the
     stages keep an error of the first step, as momenta do
     (:meth:`fvi_cli.integrator.steps.RunSteps.momenta_of_polynomials`).
     """
     dampers, is_above = damper_values(scene), scene.acts_above_order_1
-    forces = forces | {name for name, one in dampers.items() if one.kind != "deformation"}
+    forces = {name for name, (prefix, _) in derived.items() if prefix in ("a", "d")}
+    forces |= {name for name, one in dampers.items() if one.kind != "deformation"}
     for name in sorted(names & forces):
         if is_above and has_impacts:
             return (

@@ -73,10 +73,7 @@ class Motion:
         ValueError
             For times outside of the run.
         """
-        run = self.steps[member]
-        # members of a batch have one mesh and the same times
-        key = "places", run.time.tobytes(), time.tobytes()
-        steps, tau = self.kept(key, lambda: run.located(time))
+        steps, tau = self.steps[member].located(time)
         return steps + self.firsts[member], tau
 
     def time(self, steps: Places, tau: Array) -> Array:

@@ -75,15 +75,13 @@ class Observer:
 
     def along(self, expression: Expression) -> FormulaAlong:
         """The value of an expression at places; only names that occur in it are evaluated."""
-        names, (request, *_), (first, *_) = expression.names, self.requests, self.motion.scenes
-        forces = {name for name, (prefix, _) in request.derived.items() if prefix in ("a", "d")}
+        request = self.requests[0]
         for scene in self.motion.scenes:
-            if reason := force_objection(scene, names, forces, has_impacts=bool(request.impacts)):
+            if reason := force_objection(
+                scene, expression.names, request.derived, has_impacts=bool(request.impacts)
+            ):
                 raise ValueError(reason)
-        width = len(names)
-        if names & forces:
-            width += first.dimension ** (1 if first.lagrangian is None else 2)
-        return FormulaAlong(expression, partial(self.variables, expression), width)
+        return FormulaAlong(expression, partial(self.variables, expression))
 
     def variables(
         self, expression: Expression, steps: Places, tau: Array

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import keyword
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeVar, get_args
 
 import numpy as np
@@ -211,9 +211,6 @@ def observations(
         when = read(rest.pop("when", None), f"{place}.when", names)
         try:
             return kind(when=when, **rest)
-        except TypeError:
-            known = ", ".join(one.name for one in fields(kind))
-            raise ValueError(f"{place}: it takes {known}") from None
         except ValueError as error:
             raise ValueError(f"{place}.{error}") from None
 

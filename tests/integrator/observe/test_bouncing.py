@@ -8,6 +8,7 @@ import pytest
 from letters import spring
 from numpy.typing import NDArray
 from oracles.impacts import Bounced, LinearBounces, Wall, free_fall, ordinary_bounces
+from spread import few_of
 
 import fvi_cli as fvi
 
@@ -43,14 +44,10 @@ DRAWN = [
     for j in range(3)
     for i, place in enumerate(PLACES)
 ]
-SLOW = pytest.mark.slow
 
 
 @pytest.mark.few(3)
-@pytest.mark.parametrize(
-    ("place", "length", "second", "restitution"),
-    [*DRAWN[:7], *(pytest.param(*one, marks=SLOW) for one in DRAWN[7:])],
-)
+@pytest.mark.parametrize(("place", "length", "second", "restitution"), DRAWN)
 def test_a_ball_stays_above_a_floor_anywhere_in_any_unit(place, length, second, restitution):
     run = _fall(place, length, second, restitution)
     assert run.status == "ok", run.message
@@ -114,9 +111,8 @@ def _run_with_memory(case: LinearBounces, n_steps: int, final_time: float) -> fv
     )
 
 
-@pytest.mark.parametrize(
-    ("order", "floor"), [ORDERS[0], *(pytest.param(*one, marks=SLOW) for one in ORDERS[1:])]
-)
+@pytest.mark.few(1)
+@pytest.mark.parametrize(("order", "floor"), ORDERS)
 def test_flights_remember_all_impacts_before(order, floor):
     case = _with_memory(order, floor)
     times, speeds = case.bounce(3, 0.01)
@@ -229,23 +225,12 @@ def _disagreement(run: fvi.Trajectory, exact: Bounced, final_time: float, place:
     return worst
 
 
-def _check(seed: int) -> None:
+@few_of(2, 304)
+def test_walls_anywhere_at_any_angle_that_move(seed):
     run, exact, final_time, place = _both(seed)
     assert run.status == "ok", run.message
     assert _disagreement(run, exact, final_time, place) < 1e-7
     assert all(one.least > -1e-9 for one in run.observed.extents.values())
-
-
-@pytest.mark.few(2)
-@pytest.mark.parametrize("seed", range(4))
-def test_walls_anywhere_at_any_angle_that_move(seed):
-    _check(seed)
-
-
-@SLOW
-@pytest.mark.parametrize("seed", range(4, 304))
-def test_walls_anywhere_at_any_angle_that_move_many(seed):
-    _check(seed)
 
 
 def test_other_restitutions_disagree():

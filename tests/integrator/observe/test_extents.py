@@ -68,10 +68,9 @@ def _worst(observed: Observed, end: float) -> float:
         mean = quad(lambda s, f=function: float(f(s)) ** 2, 0, end, limit=400, epsabs=1e-12)[0]
         wanted = [values.min(), values.max(), np.abs(values).max(), math.sqrt(mean / end)]
         seen = [found.least, found.greatest, found.peak, found.rms]
+        seen.append(abs(float(function(np.array(found.peak_time)))))
+        wanted.append(found.peak)
         worst = max(worst, np.abs(np.subtract(seen, wanted)).max() / np.abs(values).max())
-        assert abs(float(function(np.array(found.peak_time)))) == pytest.approx(
-            found.peak, rel=1e-6
-        )
     return float(worst)
 
 
@@ -91,14 +90,7 @@ def test_another_end_has_another_peak():
     """The control: what a step goes through behind the end is told apart."""
     observed = _observed("t - 7.3", 14, 1)
     assert _worst(observed, 7.3) < 1e-6
-    assert _worst_or_inf(observed, 7.4) > 1e-3
-
-
-def _worst_or_inf(observed: Observed, end: float) -> float:
-    try:
-        return _worst(observed, end)
-    except AssertionError:
-        return math.inf
+    assert _worst(observed, 7.4) > 1e-3
 
 
 @pytest.mark.parametrize("seed", range(16))
