@@ -146,9 +146,6 @@ class Output(Keys):
         if count >= MOST_TIMES + 1:
             words = f"{count:.7g} times are too many; at most {MOST_TIMES} are allowed"
             return Wrong(("step",), words)
-        if count < 2:
-            words = f"{self.step:g} is longer than final_time = {final_time:g}"
-            return Wrong(("step",), words)
         # exact multiples of the decimal number as written, each rounded once
         step = ExactFraction(repr(self.step))
         above, below = step.numerator, step.denominator
@@ -176,6 +173,7 @@ class ImpactKeys(Keys):
 
 
 Changes = dict[SweptKey, Any]
+Values = Annotated[list[Any], Field(min_length=1)]
 
 
 class MemberKeys(Keys):
@@ -188,7 +186,7 @@ class MemberKeys(Keys):
     )
     sweep: (
         Annotated[
-            dict[SweptKey, Annotated[Range | list[Any], BY_FORM]] | list[Changes],
+            dict[SweptKey, Annotated[Range | Values, BY_FORM]] | list[Changes],
             BY_FORM,
             Field(min_length=1),
         ]
@@ -212,9 +210,7 @@ class MemberKeys(Keys):
                 words = f"every member must have the same keys: {', '.join(rows[0])}"
                 yield Wrong(("sweep", number), words)
         yield from _shared(rows[0] if rows else self.swept, ("sweep", 0)[: 1 + bool(rows)])
-        for path, given in self.swept.items():
-            if given == []:
-                yield Wrong(("sweep", path), "empty; give at least one entry")
+        for path in self.swept:
             if other := next((one for one in self.changed if _meet(one, path)), None):
                 words = f"designs change {other}; sweep other keys"
                 yield Wrong(("sweep", path), words, of_key=True)

@@ -17,8 +17,6 @@ from numpy.typing import NDArray
 from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.scenes.records.inputs import DataFileError, read_text
 
-MOST_HEADERS: Final = 100
-"""Rows among which the names of the columns are looked for."""
 _OTHER_FORMATS: Final = (
     (re.compile(r"PK\x03\x04"), "a spreadsheet"),
     (re.compile(r"\s*Origin Time\b"), "a record in the format of K-NET"),
@@ -67,9 +65,8 @@ def read_csv_columns(
         number, or more cells than names.
     """
     rows = _rows(_text_of(path, name), name)
-    start = next((k for k, (_, row) in enumerate(rows[:MOST_HEADERS]) if {*columns} <= {*row}), -1)
-    if start < 0:
-        start = max(range(len(rows[:MOST_HEADERS])), key=lambda k: len(rows[k][1]))
+    named = (k for k, (_, row) in enumerate(rows) if {*columns} <= {*row})
+    start = next(named, max(range(len(rows)), key=lambda k: len(rows[k][1])))
     first, header = rows[start]
     places = [_place(header, wanted, f"{name}:{first}") for wanted in columns]
     body = rows[start + 1 :]
