@@ -16,8 +16,8 @@ from fvi_cli.integrator.method import (
     ForcingQuadrature,
     Sampling,
     Start,
-    keys_of_name,
     make_method,
+    method_named,
 )
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.mathematics.quadrature import LARGEST_RULE
@@ -121,7 +121,7 @@ class MethodKeys(Keys):
 
 def _check_name(name: str) -> str:
     try:
-        make_method(keys_of_name(name))
+        method_named(name)
     except ValueError as error:
         raise refused(Wrong((), str(error))) from None
     return name
@@ -140,7 +140,7 @@ def methods_of(given: Sequence[str | MethodKeys], start: Start) -> Iterator[tupl
     """
     for number, entry in enumerate(given):
         if isinstance(entry, str):
-            yield number, make_method(keys_of_name(entry), start=start)
+            yield number, method_named(entry, start=start)
             continue
         for combination in entry.combinations():
             yield number, make_method(combination, start=start)

@@ -10,7 +10,7 @@ from typing import Any, Final, Literal
 
 from fvi_cli.errors import ArgumentError, excerpt, suggestion
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
-from fvi_cli.mathematics.quadrature import QuadratureRule, gauss_rule, lobatto_rule
+from fvi_cli.mathematics.quadrature import LARGEST_RULE, QuadratureRule, gauss_rule, lobatto_rule
 
 RuleName = Literal["gauss", "lobatto"]
 Sampling = Literal["nodes", "points"]
@@ -27,6 +27,7 @@ _BASELINES: Mapping[str, tuple[str, float]] = {
 }
 """Names of baselines for readers, and their orders."""
 BASELINE_NAMES = tuple(_BASELINES)
+COLUMNS: Final = ("cq", "sampling", "degree", "quadrature", "start")
 EXAMPLES: Final = "gauss3, bdf2, bdf2-nodes"
 
 
@@ -44,12 +45,10 @@ class RuleSpecification:
     points: int = 1
 
     def __post_init__(self) -> None:
-        if self.rule not in ("gauss", "lobatto"):
-            raise ArgumentError("quadrature", f"{self.rule!r} is not one of gauss, lobatto")
-        least = 2 if self.rule == "lobatto" else 1
-        if not least <= self.points <= 64:
+        least = {"gauss": 1, "lobatto": 2}.get(self.rule)
+        if least is None or not least <= self.points <= LARGEST_RULE:
             raise ArgumentError(
-                "quadrature", f"{self.points} points; {self.rule} takes {least} to 64"
+                "quadrature", f"{self.label} is not one of gauss1 to gauss64, lobatto2 to lobatto64"
             )
 
     def build(self) -> QuadratureRule:
@@ -237,6 +236,12 @@ class Method:
         keys["forcing_quadrature"] = self.forcing_quadrature
         return keys
 
+    @property
+    def columns(self) -> dict[str, str]:
+        """The columns ``cq, sampling, degree, quadrature, start`` of order tables."""
+        own = self.cq, self.sampling, str(self.degree), self.rule.label, self.start
+        return dict(zip(COLUMNS, own, strict=True))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Baseline:
@@ -285,6 +290,11 @@ class Baseline:
         """The key of a configuration that defines the method."""
         return {"baseline": self.name}
 
+    @property
+    def columns(self) -> dict[str, str]:
+        """The columns of order tables; those that it does not have are ``-``."""
+        return {**dict.fromkeys(COLUMNS, "-"), "cq": self.name}
+
 
 AnyMethod = Method | Baseline
 
@@ -297,14 +307,6 @@ def usual_start(cq: str) -> Start:
 def usual_forcing(cq: str, sampling: Sampling) -> ForcingQuadrature:
     """The quadrature of the forcing where none is given."""
     return "exact" if cq in BDF_NAMES and sampling == "points" else "galerkin"
-
-
-def without_start(method: AnyMethod) -> AnyMethod:
-    """The method with the usual start and loads, on which its stability does not depend."""
-    if isinstance(method, Baseline):
-        return method
-    keys = ("bdf", "rk", "degree", "sampling", "quadrature")
-    return make_method({key: value for key, value in method.keys.items() if key in keys})
 
 
 def make_method(values: Mapping[str, Any], *, start: Start | None = None) -> AnyMethod:
@@ -344,17 +346,17 @@ def make_method(values: Mapping[str, Any], *, start: Start | None = None) -> Any
 
 
 _NAME: Final = re.compile(
-    r"(?:bdf-?(?P<bdf>[1-6])|(?P<rk>gauss|lobatto-iiic)(?:-?(?P<stages>\d{1,3}))?)"
-    r"(?:-(?P<sampling>nodes|points))?"
-    r"(?:-s(?P<degree>\d{1,3}))?"
-    r"(?:-(?P<rule>gauss|lobatto)(?P<points>\d{1,3}))?"
-    r"(?:-(?P<start>none|graded))?"
-    r"(?:-(?P<forcing_quadrature>galerkin|exact))?"
+    r"(?:bdf-?(?P<bdf>[1-6])|(?P<rk>gauss|lobatto-iiic)-?(?P<degree>\d{0,3}))"
+    r"(?:-(?P<sampling>nodes))?(?:-(?P<start>none|graded))?"
 )
 
 
-def keys_of_name(name: str) -> dict[str, Any]:
-    """Keys of a method, with their values, that its name stands for.
+def method_named(name: str, *, start: Start | None = None) -> AnyMethod:
+    """The method of a name.
+
+    ``bdf1`` to ``bdf6``; ``gauss`` or ``lobatto-iiic`` with the degree, as in ``gauss3``; or a
+    baseline. ``-nodes`` and ``-none`` or ``-graded`` may follow, as in ``bdf2-nodes``. `start` is
+    as for :func:`make_method`.
 
     Raises
     ------
@@ -363,65 +365,19 @@ def keys_of_name(name: str) -> dict[str, Any]:
     """
     plain = re.sub(r"[\s_]+", "-", name.strip().lower())
     if plain in BASELINE_NAMES:
-        return {"baseline": plain}
-    found = _NAME.fullmatch(re.sub(r"[\s_]", "", name.lower()))
-    if found is None or (found["stages"] and found["degree"]):
+        return Baseline(name=plain)
+    found = _NAME.fullmatch(plain)
+    if found is None:
         near = suggestion(name, (*BASELINE_NAMES, *(f"{rk}3" for rk in RUNGE_KUTTA_NAMES)))
         raise ValueError(
             f"{excerpt(name)!r} is not the name of a method{near} (such names are {EXAMPLES}, "
             f"bdf1 to bdf6, {', '.join(BASELINE_NAMES)})"
         )
-    words = ("rk", "sampling", "start", "forcing_quadrature")
-    values: dict[str, Any] = {key: found[key] for key in words if found[key]}
-    if found["bdf"]:
-        values["bdf"] = int(found["bdf"])
-    if degree := found["stages"] or found["degree"]:
-        values["degree"] = int(degree)
-    if found["rule"]:
-        values["quadrature"] = {"rule": found["rule"], "points": int(found["points"])}
-    if not 1 <= values.get("degree", 1) <= LARGEST_DEGREE:
-        raise ValueError(f"the degree in {excerpt(name)!r} must be from 1 to {LARGEST_DEGREE}")
-    return values
-
-
-def method_named(name: str) -> AnyMethod:
-    """The method of a short name, or of its name in files.
-
-    ``bdf1`` to ``bdf6``; ``gauss`` or ``lobatto-iiic`` with the degree, as in ``gauss3``; or a
-    baseline. What differs from the defaults follows in this order, joined by ``-``: ``nodes`` or
-    ``points``, ``s2`` (the degree), ``gauss2`` or ``lobatto3`` (the rule), ``none`` or ``graded``,
-    ``galerkin`` or ``exact``, as in ``bdf2-nodes`` and ``gauss-s3-graded``.
-
-    Raises
-    ------
-    ValueError
-        For a text that is not the name of a method.
-    """
-    return make_method(keys_of_name(name))
+    values: dict[str, Any] = {key: value for key, value in found.groupdict().items() if value}
+    numbers = {key: int(values[key]) for key in ("bdf", "degree") if key in values}
+    return make_method(values | numbers, start=start)
 
 
 def as_method(method: AnyMethod | str) -> AnyMethod:
     """A method, also by its name (:func:`method_named`)."""
-    if isinstance(method, Method | Baseline):
-        return method
-    if not isinstance(method, str):
-        raise TypeError(
-            f"method: {excerpt(repr(method))} is no method; write a name such as 'gauss3'"
-        )
-    return method_named(method)
-
-
-def method_columns(method: AnyMethod) -> dict[str, str]:
-    """The columns ``cq, sampling, degree, quadrature, start`` of tables and attributes.
-
-    Columns that a baseline does not have are ``-``.
-    """
-    if isinstance(method, Baseline):
-        return {"cq": method.name, "sampling": "-", "degree": "-", "quadrature": "-", "start": "-"}
-    return {
-        "cq": method.cq,
-        "sampling": method.sampling,
-        "degree": str(method.degree),
-        "quadrature": method.rule.label,
-        "start": method.start,
-    }
+    return method_named(method) if isinstance(method, str) else method

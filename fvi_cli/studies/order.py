@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from fvi_cli.integrator.method import AnyMethod, method_columns
+from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed
 from fvi_cli.studies.members import Member
@@ -71,10 +71,6 @@ class OrderCase:
     def order_smooth(self) -> float:
         """The order expected on the finest step."""
         return self.rows[-1].order_smooth if self.rows else math.nan
-
-    def columns(self) -> dict[str, str]:
-        """The columns ``cq, sampling, degree, quadrature, start``."""
-        return method_columns(self.method)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from fvi_cli.integrator.method import AnyMethod, without_start
+from fvi_cli.integrator.method import AnyMethod
 from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.stability.prediction import StabilityPrediction
 from fvi_cli.integrator.stability.region import StabilityMap
@@ -31,4 +31,8 @@ class StabilityTable:
 
 def distinct_regions(methods: Sequence[AnyMethod]) -> list[AnyMethod]:
     """One method for each stability region: start and forcing do not change the region."""
-    return list(dict.fromkeys(map(without_start, filter(has_patterns, methods))))
+    found: dict[str, AnyMethod] = {}
+    for method in filter(has_patterns, methods):
+        keys = {k: v for k, v in method.keys.items() if k not in ("start", "forcing_quadrature")}
+        found.setdefault(repr(keys), method)
+    return list(found.values())

@@ -87,7 +87,7 @@ def test_a_mesh_may_be_graded():
     "name",
     [
         *("gauss3", "Gauss 2", "bdf1", "BDF-6", "lobatto-iiic3"),
-        *("explicit_euler", "gauss-s2-none", "bdf4-points-s2-gauss3-none"),
+        *("explicit_euler", "gauss2-none", "bdf4-nodes"),
     ],
 )
 def test_a_name_says_the_same_in_a_configuration_as_in_python(name):

@@ -59,7 +59,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         Item(table=table, case=case, index=index, row=row, described=described)
         for table in tables
         for case in table.cases
-        for described in (SimpleNamespace(**case.columns()),)
+        for described in (SimpleNamespace(**case.method.columns),)
         for index, row in enumerate(case.rows)
     ]
     experiment = Column("experiment", get="table.experiment")
