@@ -24,7 +24,7 @@ from fvi_cli.config.observations import read_observations
 from fvi_cli.config.text.mistakes import Report
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.integrator.memory.damping import law_objection
-from fvi_cli.integrator.meshes.mesh import check_graded, misplaced_break_point
+from fvi_cli.integrator.meshes.mesh import graded_mesh, misplaced_break_point
 from fvi_cli.integrator.method import AnyMethod, Baseline, Method
 from fvi_cli.mathematics.lagrange import LARGEST_DEGREE
 from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, wrong_argument
@@ -226,7 +226,7 @@ def _wrong_steps(
             yield Wrong(("ladder", "steps", index), f"{n_steps} steps put {words}")
             continue
         try:
-            check_graded((0.0, *breaks, problem.final_time), n_steps, grading)
+            graded_mesh(problem.final_time, n_steps, grading, breaks)
         except ArgumentError as error:
             place = ("grading",) if error.key == "grading" else ("steps", index)
             yield Wrong(("ladder", *place), error.message)

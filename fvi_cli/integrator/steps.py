@@ -7,7 +7,6 @@ variational integrator itself, no interpolation of it.
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, Stretch
+from fvi_cli.integrator.meshes.mesh import Mesh, are_near, mesh_through
 from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -139,17 +138,7 @@ class RunSteps:
 
         At the breaks the motion may be singular.
         """
-        away = np.abs(self.time[:, None] - np.array([0.0, *breaks]))
-        fresh = np.any(away <= ON_GRID * self.time[:, None], axis=1)
-        edges = 1 + np.flatnonzero((np.diff(self.step_size) != 0.0) | fresh[1:-1])
-        stretches = [
-            Stretch(
-                begin=float(self.time[first]),
-                end=float(self.time[last]),
-                n_steps=last - first,
-                step_size=float(self.step_size[first]),
-                is_fresh=bool(fresh[first]),
-            )
-            for first, last in itertools.pairwise([0, *edges.tolist(), self.n_steps])
-        ]
-        return Mesh(stretches=tuple(stretches))
+        edges = 1 + np.flatnonzero(
+            (np.diff(self.step_size) != 0.0) | are_near(self.time[1:-1], breaks)
+        )
+        return mesh_through(self.time, self.step_size, edges, breaks)

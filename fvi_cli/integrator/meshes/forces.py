@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import bisect
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 
-from fvi_cli.effects.forcing import ForcingPiece
 from fvi_cli.effects.matrices import Solve, solver, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
@@ -27,11 +25,6 @@ class StepPath(NamedTuple):
     position: Array  # where it begins, shape (d,)
     unknowns: Array  # U, shape (s, d)
 
-    @property
-    def middle(self) -> float:
-        """Time in its middle."""
-        return self.begin + 0.5 * self.size
-
 
 class Places(NamedTuple):
     """Places in [0, 1] of a step, with the maps from U to displacements over h and velocities."""
@@ -48,7 +41,7 @@ class Places(NamedTuple):
 
 
 class StepForces:
-    """Forces of one scene along its steps; the stiffness of a linear scene hides nothing."""
+    """Forces of one scene along its steps, but for the stiffness of a linear scene."""
 
     def __init__(self, scene: Scene, stages: int) -> None:
         self._scene, self._is_nonlinear = scene, not scene.is_linear
@@ -64,17 +57,6 @@ class StepForces:
 
             self._resolve = resolve
 
-    def piece(self, path: StepPath) -> ForcingPiece | None:
-        """The piece of the forcing that acts in a step; None where there is no forcing."""
-        forcing = self._scene.forcing
-        if forcing is None:
-            return None
-        return forcing.pieces[bisect.bisect_left(forcing.break_points, path.middle)]
-
-    def act(self, path: StepPath) -> bool:
-        """Whether there are any in a step."""
-        return self._is_nonlinear or self.piece(path) is not None
-
     def at(self, path: StepPath, places: Places) -> tuple[Array | None, Array]:
         """Momenta (None where they are linear in the velocity) and forces, ``(n, d)``."""
         momentum, force = None, np.zeros((places.at.size, path.position.size))
@@ -86,8 +68,8 @@ class StepForces:
                 momentum, force = scene.lagrangian.forces(position, velocity, time)
             elif scene.potential is not None:
                 force = -scene.potential.gradient(position)
-        if (piece := self.piece(path)) is not None:
-            force = force + piece.evaluate(time)
+        if scene.forcing is not None:
+            force = force + scene.forcing.on_steps(np.array([path.begin]), path.size, places.at)[0]
         return momentum, force
 
     def accelerations(self, path: StepPath, forces: Array) -> Array:

@@ -47,10 +47,11 @@ class LocalError:
         # the last two Legendre coefficients of the velocity from U
         self._tail = (tables.to_legendre @ tables.slopes[1:].T)[-2:]
         self._forces = StepForces(scene, stages.size)
-        self._looks: Looks | None = None
-        if any(map(may_hide, formulas_of(scene))):
-            self._looks = Looks(scene, self._forces, tables)
+        hides = any(map(may_hide, formulas_of(scene)))
+        self._looks = Looks(scene, self._forces, tables) if hides else None
         self._may_miss, self._end = may_miss, scene.final_time
+        # the stiffness of a linear scene hides nothing
+        self._has_forces = scene.forcing is not None or not scene.is_linear
 
     def of(self, path: StepPath, tolerance: float, *, is_fresh: bool) -> float:
         """The local error of a step, a length; infinite where a number is not finite.
@@ -60,21 +61,19 @@ class LocalError:
         """
         with np.errstate(all="ignore"):
             error = self._missed_by_polynomial(path)
-            if not math.isfinite(error) or not self._forces.act(path):
-                return error if math.isfinite(error) else math.inf
-            momentum, force = self._forces.at(path, self._places)
-            h = path.size
-            sizes = BETWEEN_SHARE * h * h * self._moved_by_missed(path, force)
-            if momentum is not None:
-                sizes += BETWEEN_SHARE * h * self._moved_by_missed(path, momentum)
-            if is_fresh and not math.isfinite(sizes[0]):
-                sizes[0] = 0.0
-            error = max(error, float(sizes.max()))
-            if self._looks is not None and error <= tolerance:
-                impulses = self._looks.missed(path, force[1::2])
-                moved = np.abs(self._forces.accelerations(path, impulses)).sum(axis=0)
-                missed = float(moved.max()) * (self._end - path.begin)
-                error = max(error, missed * (tolerance / min(tolerance, self._may_miss)))
+            if self._has_forces and math.isfinite(error):
+                momentum, force = self._forces.at(path, self._places)
+                moved = path.size * self._moved_by_missed(path, force)
+                if momentum is not None:
+                    moved += self._moved_by_missed(path, momentum)
+                if is_fresh and not math.isfinite(moved[0]):
+                    moved[0] = 0.0
+                error = max(error, BETWEEN_SHARE * path.size * float(moved.max()))
+                if self._looks is not None and error <= tolerance:
+                    impulses = self._looks.missed(path, force[1::2])
+                    velocity = np.abs(self._forces.accelerations(path, impulses)).sum(axis=0).max()
+                    missed = float(velocity) * (self._end - path.begin)
+                    error = max(error, missed * (tolerance / min(tolerance, self._may_miss)))
         return error if math.isfinite(error) else math.inf
 
     def _missed_by_polynomial(self, path: StepPath) -> float:

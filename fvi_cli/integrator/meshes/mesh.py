@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import bisect
 import itertools
 import math
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from functools import cached_property
 import numpy as np
 
 from fvi_cli.errors import ArgumentError
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 
 ON_GRID = 1e-9
 """A break point this close to a point of the mesh, relative to its time, is that point."""
@@ -41,12 +40,6 @@ class Stretch:
             return np.zeros(0, dtype=np.intp)
         every = self.reported_every
         return np.arange(every - self.passed % every, self.n_steps + 1, every)
-
-    @property
-    def n_reported(self) -> int:
-        """Number of steps at whose ends a point is reported."""
-        every = self.reported_every
-        return (self.n_steps + self.passed % every) // every if every else 0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,7 +71,14 @@ class Mesh:
     @cached_property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
-        return sum(one.n_reported for one in self.stretches)
+        return sum(one.reported.size for one in self.stretches)
+
+    @property
+    def reported(self) -> Places:
+        """Numbers of the reported points, from 0 on."""
+        firsts = itertools.accumulate((one.n_steps for one in self.stretches), initial=0)
+        found = [first + one.reported for first, one in zip(firsts, self.stretches, strict=False)]
+        return np.concatenate([[0], *found]).astype(np.intp)
 
     @cached_property
     def times(self) -> Array:
@@ -102,11 +102,8 @@ class Mesh:
         ValueError
             With the break point.
         """
-        ends = [one.end for one in self.stretches]
         for time in breaks:
-            one = self.stretches[min(bisect.bisect_left(ends, time), len(ends) - 1)]
-            point = one.begin + one.step_size * round((time - one.begin) / one.step_size)
-            if not math.isclose(point, time, rel_tol=ON_GRID):
+            if not are_near(self.times, [time]).any():
                 raise ArgumentError(
                     "mesh", f"the break point t = {time:g} lies inside of a step; make it a point"
                 )
@@ -132,16 +129,37 @@ def mesh_of(times: Array, breaks: tuple[float, ...] = ()) -> Mesh:
     times = np.asarray(times, dtype=float)
     if times.ndim != 1 or times.size < 2 or times[0] != 0 or not (np.diff(times) > 0).all():
         raise ArgumentError("mesh", "the times must increase from 0")
-    near = np.abs(times[:, None] - np.array([0.0, *breaks])) <= ON_GRID * times[:, None]
-    fresh: list[bool] = near.any(axis=1).tolist()
-    mesh = Mesh(
-        stretches=tuple(
-            Stretch(begin=a, end=b, n_steps=1, step_size=b - a, is_fresh=is_fresh)
-            for (a, b), is_fresh in zip(itertools.pairwise(times.tolist()), fresh[:-1], strict=True)
-        )
-    )
+    mesh = mesh_through(times, np.diff(times), np.arange(1, times.size - 1), breaks)
     mesh.check_breaks(breaks)
     return mesh
+
+
+def mesh_through(times: Array, sizes: Array, ends: Places, breaks: Sequence[float]) -> Mesh:
+    """Stretches of steps of given sizes, which end at the points of these numbers.
+
+    At 0 and at the breaks the motion may be singular.
+    """
+    edges = np.array([0, *ends, sizes.size])
+    fresh = are_near(times[edges], (0.0, *breaks)).tolist()
+    points = zip(edges.tolist(), times[edges].tolist(), fresh, strict=True)
+    return Mesh(
+        stretches=tuple(
+            Stretch(
+                begin=begin,
+                end=end,
+                n_steps=last - first,
+                step_size=float(sizes[first]),
+                is_fresh=is_fresh,
+            )
+            for (first, begin, is_fresh), (last, end, _) in itertools.pairwise(points)
+        )
+    )
+
+
+def are_near(times: Array, breaks: Sequence[float]) -> Mask:
+    """Which of the times are break points, but for round-off, ``(n,)``."""
+    away = np.abs(times[:, None] - np.array(breaks))
+    return np.asarray((away <= ON_GRID * times[:, None]).any(axis=1))
 
 
 def share_steps(ends: Sequence[float], n_steps: int) -> Array:
@@ -180,32 +198,6 @@ def uniform_mesh(final_time: float, n_steps: int, breaks: tuple[float, ...] = ()
     return Mesh(stretches=tuple(stretches))
 
 
-def check_graded(ends: Sequence[float], n_steps: int, grading: float) -> Array:
-    """As :func:`share_steps`, for graded steps.
-
-    Raises
-    ------
-    ValueError
-        For a grading out of range, a mesh whose first step vanishes in round-off, and fewer steps
-        than parts.
-    """
-    if not 1 <= grading <= LARGEST_GRADING:
-        raise ArgumentError(
-            "grading", f"{grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
-        )
-    counts = share_steps(ends, n_steps)
-    for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True):
-        first = (b - a) * (1.0 / count) ** grading
-        # the second point must differ from the first, and the third from the second
-        if not a + first > a + 1e-3 * first > a:
-            raise ArgumentError(
-                "grading",
-                f"{grading:g} with {n_steps} steps makes a first step of "
-                f"{first:.3g}, which vanishes in round-off; take a smaller grading",
-            )
-    return counts
-
-
 def graded_mesh(
     final_time: float, n_steps: int, grading: float, breaks: tuple[float, ...] = ()
 ) -> Mesh:
@@ -225,14 +217,24 @@ def graded_mesh(
     Raises
     ------
     ValueError
-        As :func:`check_graded`.
+        For a grading out of range, a mesh whose first step vanishes in round-off, and fewer steps
+        than parts.
     """
-    ends = (0.0, *breaks, final_time)
-    counts = check_graded(ends, n_steps, grading)
+    if not 1 <= grading <= LARGEST_GRADING:
+        raise ArgumentError(
+            "grading", f"{grading!r} is not allowed; it must be 1 to {LARGEST_GRADING:g}"
+        )
     if grading == 1:
         return uniform_mesh(final_time, n_steps, breaks)
-    parts = [
-        a + (b - a) * (np.arange(count) / count) ** grading
-        for (a, b), count in zip(itertools.pairwise(ends), counts, strict=True)
-    ]
+    ends, parts = (0.0, *breaks, final_time), []
+    for (a, b), count in zip(itertools.pairwise(ends), share_steps(ends, n_steps), strict=True):
+        parts.append(a + (b - a) * (np.arange(count) / count) ** grading)
+        first = (b - a) * (1.0 / count) ** grading
+        # the second point must differ from the first, and the third from the second
+        if not a + first > a + 1e-3 * first > a:
+            raise ArgumentError(
+                "grading",
+                f"{grading:g} with {n_steps} steps makes a first step of "
+                f"{first:.3g}, which vanishes in round-off; take a smaller grading",
+            )
     return mesh_of(np.concatenate([*parts, [final_time]]), breaks)

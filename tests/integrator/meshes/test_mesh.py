@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from letters import spring
 from oracles.linear_response import match_scene
 from spread import spread
@@ -55,22 +53,6 @@ def test_break_points_off_the_grid_are_points(breaks, grading):
     assert set(breaks) <= set(mesh.times)
 
 
-@given(
-    ends=st.lists(st.floats(1e-3, 100.0), min_size=1, max_size=6, unique=True),
-    extra=st.integers(0, 300),
-)
-@settings(max_examples=60, deadline=None, derandomize=True)
-def test_steps_are_shared_out_by_length(ends, extra):
-    edges = np.array([0.0, *sorted(ends)])
-    n_steps = len(ends) + extra
-    counts = share_steps(edges, n_steps)
-    assert counts.sum() == n_steps
-    assert counts.min() >= 1
-    shares = n_steps * np.diff(edges) / edges[-1]
-    if shares.min() >= 1:
-        assert np.abs(counts - shares).max() <= 1
-
-
 @pytest.mark.parametrize("grading", [1.0, 1.5, 2.0, 7.0])
 def test_graded_points_are_powers_behind_every_break_point(grading):
     mesh = graded_mesh(5.0, 32, grading, (1.0,))
@@ -95,16 +77,10 @@ def graded(n_steps: int, power: float | None, m: int = 4, breaks: tuple[float, .
     return graded_start_mesh(uniform_mesh(3.0, n_steps, breaks), stages=m, exponent=lambda _: power)
 
 
-def reported(mesh: Mesh) -> Array:
-    ends = np.cumsum([one.n_steps for one in mesh.stretches])
-    kept = [end - one.n_steps + one.reported for end, one in zip(ends, mesh.stretches, strict=True)]
-    return mesh.times[np.concatenate([[0], *kept]).astype(int)]
-
-
 @spread(n_steps=[1, 2, 3, 8, 17, 100, 1000, 6000], m=[1, 2, 4, 8], power=[1.1, 2.5, 3.5, 3.95])
 def test_the_reported_points_are_the_uniform_grid(n_steps, m, power):
     mesh = graded(n_steps, power, m)
-    at = reported(mesh)
+    at = mesh.times[mesh.reported]
     assert mesh.n_reported == n_steps == at.size - 1
     assert np.allclose(at, 3.0 / n_steps * np.arange(n_steps + 1), rtol=1e-13, atol=1e-15)
     every = mesh.times
