@@ -7,7 +7,6 @@ power of the time.
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -26,10 +25,6 @@ from fvi_cli.mathematics.threads import in_one_thread
 START_POWER = 0.5
 """Power for the grading after a kink: every step is a fixed share of its distance; measured in
 tests/integrator/run/test_prescribed_run.py."""
-BEHIND_KINKS = 1e-6
-"""Steps are graded for tolerances below this, relative to the range of the displacement: with equal
-steps of eight stages the force behind a kink has errors of some 1e-4, measured there too.
-Fits compare coarse runs with fine ones."""
 HALVINGS_AT_START = 40
 """Halvings of the first step of all: between its stages the force begins like a power of t."""
 FEWEST, MOST = 64, 2**14
@@ -61,9 +56,7 @@ def material_response(
     motion = replace(scene.prescribed, final_time=scene.final_time)
     mesh = mesh_of_motion(motion, method, steps)
     found = _steps_through(motion, method, mesh)
-    firsts = np.cumsum([0, *(one.n_steps for one in mesh.stretches)])
-    kept = [first + o.reported for first, o in zip(firsts, mesh.stretches, strict=False)]
-    reported = np.concatenate([[0], *kept]).astype(np.intp)
+    reported = mesh.reported
     return Trajectory(
         time=found.time[reported],
         position=found.position[reported],
@@ -79,21 +72,17 @@ def mesh_of_motion(
     """The mesh of a displacement; for a tolerance as many steps as its polynomials need."""
     if isinstance(steps, Mesh):
         return steps
-    parts, is_graded = len(motion.break_points) + 1, method.start == "graded"
+    parts = len(motion.break_points) + 1
     if isinstance(steps, AdaptiveSteps):
         count = FEWEST if parts == 1 else parts
         while True:
             mesh = uniform_mesh(motion.final_time, count, motion.break_points)
-            found = _steps_through(motion, method, mesh)
-            if _unresolved(found) <= steps.tolerance or count >= MOST:
-                break
+            missed = _unresolved(_steps_through(motion, method, mesh))
+            if missed <= steps.tolerance or count >= MOST:
+                return mesh
             count *= 2
-        is_graded = steps.tolerance < BEHIND_KINKS * float(np.ptp(found.position))
-        if is_graded and motion.kinks:
-            mesh = _with_common_sizes(mesh)
-    else:
-        mesh = uniform_mesh(motion.final_time, max(steps, parts), motion.break_points)
-    if not is_graded:
+    mesh = uniform_mesh(motion.final_time, max(steps, parts), motion.break_points)
+    if method.start != "graded":
         return mesh
     is_sharp = bool(motion.kinks)
     return graded_start_mesh(
@@ -101,22 +90,6 @@ def mesh_of_motion(
         stages=method.degree,
         exponent=lambda at_start: START_POWER if at_start or is_sharp else None,
     )
-
-
-def _with_common_sizes(mesh: Mesh) -> Mesh:
-    """Steps of powers of 2, and a rest, between kinks at any times: tables of steps are shared."""
-    stretches: list[Stretch] = []
-    for part in mesh.stretches:
-        unit = 2.0 ** math.floor(math.log2(part.step_size))
-        count = int((part.end - part.begin) / unit)
-        end = part.begin + count * unit
-        rest = part.end - end
-        is_whole = rest <= math.ulp(end)
-        end = part.end if is_whole else end
-        stretches.append(replace(part, end=end, n_steps=count, step_size=unit))
-        if not is_whole:
-            stretches.append(replace(part, begin=end, n_steps=1, step_size=rest, is_fresh=False))
-    return Mesh(stretches=tuple(stretches))
 
 
 def halved_mesh(motion: PrescribedMotion, halvings: int) -> Mesh:

@@ -29,9 +29,9 @@ from fvi_cli.studies.members import with_values
 
 MOST_STEPS, MORE_STEPS = 20_000, 100
 """Most steps of a run; during the search: two for every measurement, and so many more."""
-COARSE_SHARE, LEAST_SHARE_OF_HALVED = 1e-4, 1e-10
-"""Tolerances relative to the range of a displacement with kinks: a halving behind each for every
-decade below the first one, and steps graded in full below the second one."""
+COARSE_SHARE = 1e-4
+"""Tolerance relative to the range of a displacement with kinks: for every decade below this one
+there is a halving behind each."""
 COARSE = 64
 """Number of steps of the runs that find the size of a motion."""
 
@@ -137,8 +137,6 @@ class MotionModel:
         motion = replace(scene.prescribed, final_time=scene.final_time)
         at_kinks = motion.displacement(np.array([0.0, *motion.break_points, motion.final_time]))
         share = tolerance / float(np.ptp(at_kinks))
-        if share < LEAST_SHARE_OF_HALVED:
-            return None
         return halved_mesh(motion, max(0, round(math.log10(COARSE_SHARE / share))))
 
     def _run(self, number: int, scene: Scene) -> RunSteps:

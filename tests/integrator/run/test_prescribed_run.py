@@ -96,20 +96,6 @@ def test_forces_along_samples_are_sums_of_ramps(law, degree, most, tmp_path):
         assert np.abs(other - exact).max() > 10 * most * np.abs(exact).max()
 
 
-def test_equal_steps_of_eight_stages_err_by_some_1e_5_behind_a_kink(tmp_path):
-    # what `BEHIND_KINKS` says
-    times = np.arange(13) / 4
-    values = np.where(times < 1.0, times, 2.0 - times)
-    text, ramp = RAMPS["zener"]
-    more = {"ladder": "{steps: [12]}", "method": "{rk: gauss, degree: 8, start: none}"}
-    config = on_samples(text, times, values, tmp_path, **more)
-    (outcome,) = fvi.run(parse_config(config, str(tmp_path / "a.yaml")))
-    found = outcome.finished[0].trajectory.observed.quantities["force"]
-    exact = [float(ramp(t) - 2 * (ramp(t - 1) if t > 1 else 0)) for t in times]
-    error = np.abs(found - exact).max() / np.abs(exact).max()
-    assert 1e-7 < error < 2e-4
-
-
 def test_the_steady_loop_of_a_law_has_its_complex_stiffness(tmp_path):
     text = (
         "name: a\nproblem: {kind: material, displacement: '0.02*sin(6*t)', final_time: 16,\n"
