@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from fvi_cli.integrator.steps import RunSteps
-from fvi_cli.mathematics.arrays import Array, Places
+from fvi_cli.mathematics.arrays import Array, Mask, Places
 
 Status = Literal["ok", "failed", "refused"]
 
@@ -23,14 +23,6 @@ class Assessment:
     tolerance: float  # in the norm of the experiment
     estimate: float  # of the error of the position at any time, the least that was reached
     reason: str = ""  # why it is not met, in one line; empty if it is met
-
-
-@dataclass(frozen=True, kw_only=True)
-class NewtonRecord:
-    """Numbers of iterations of Newton."""
-
-    iterations: int = 0  # total number of iterations
-    largest: int = 0  # largest number of iterations in one step
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -57,7 +49,7 @@ class Diagnostics:
     energy_defect: Array
     stored_energy: Array | None = None
 
-    def at(self, kept: Places) -> Diagnostics:
+    def at(self, kept: Places | Mask) -> Diagnostics:
         """The diagnostics at some of the points."""
         found: dict[str, Any] = {
             name: None if values is None else values[kept] for name, values in vars(self).items()
@@ -130,8 +122,8 @@ class Trajectory:
         Status of the run, and in words what happened if it is not ``ok``.
     history_operations
         Multiply-adds (weight times sample) spent on the memory.
-    newton
-        Record of Newton's iteration (zero iterations for linear scenes).
+    newton_iterations
+        Iterations of Newton in all steps; 0 for linear scenes.
     setup_seconds, stepping_seconds
         Time for weights and factorisations, and for the steps.
     remarks
@@ -163,7 +155,7 @@ class Trajectory:
     status: Status = "ok"
     message: str = ""
     history_operations: int = 0
-    newton: NewtonRecord = field(default_factory=NewtonRecord)
+    newton_iterations: int = 0
     setup_seconds: float = 0.0
     stepping_seconds: float = 0.0
     remarks: tuple[str, ...] = ()
@@ -207,6 +199,24 @@ class Trajectory:
             For times outside of the run, and where the steps were not kept.
         """
         return self._kept_steps().velocity_at(time)
+
+    def at(self, kept: Places | Mask) -> Trajectory:
+        """The run at some of its reported points."""
+        momentum, energy, known = self.momentum, self.energy, self.diagnostics
+        return replace(
+            self,
+            time=self.time[kept],
+            position=self.position[kept],
+            momentum=None if momentum is None else momentum[kept],
+            energy=None if energy is None else energy[kept],
+            diagnostics=None if known is None else known.at(kept),
+        )
+
+    def thinned(self, every: int) -> Trajectory:
+        """Every n-th point of a whole run, with the first and the last."""
+        kept = np.arange(self.time.size) % every == 0
+        kept[-1] = True
+        return replace(self.at(kept), every=every)
 
     def __repr__(self) -> str:
         """The trajectory in one line."""
@@ -282,20 +292,3 @@ class Trajectory:
                 'such as integrate(scene, "gauss3", 100, with_steps=True)'
             )
         return self.steps
-
-
-def thinned(trajectory: Trajectory, every: int) -> Trajectory:
-    """Every n-th point of a whole trajectory without diagnostics, with the first and the last."""
-    if every == 1:
-        return trajectory
-    last = trajectory.time.size - 1
-    kept = np.unique(np.append(np.arange(0, last + 1, every), last))
-    momentum, energy = trajectory.momentum, trajectory.energy
-    return replace(
-        trajectory,
-        time=trajectory.time[kept],
-        position=trajectory.position[kept],
-        momentum=None if momentum is None else momentum[kept],
-        energy=None if energy is None else energy[kept],
-        every=every,
-    )

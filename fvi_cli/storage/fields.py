@@ -22,7 +22,6 @@ from fvi_cli.integrator.trajectory import (
     Assessment,
     Diagnostics,
     Extent,
-    NewtonRecord,
     Observed,
     Occurrences,
     Trajectory,
@@ -112,7 +111,7 @@ EXTENTS: Final = "quantity_extents"
 COUNTS: Final = "event_counts"
 _EVENT = f"events/*/{OCCURRENCE}"
 _T = "trajectory."
-_D, _O, _N, _A = _T + "diagnostics.", _T + "observed.", _T + "newton.", _T + "assessment."
+_D, _O, _A = _T + "diagnostics.", _T + "observed.", _T + "assessment."
 
 FIELDS: Final[dict[str, Field]] = {one.name: one for one in (
     Field("time", "time", _T + "time", (TIME,)),
@@ -161,8 +160,7 @@ FIELDS: Final[dict[str, Field]] = {one.name: one for one in (
     Field("setup_seconds", "time for weights and factorisations in seconds", _T + "setup_seconds"),
     Field("seconds", "time for the steps in seconds", _T + "stepping_seconds"),
     Field("history_operations", "multiply-adds spent on the memory", _T + "history_operations"),
-    Field("newton_iterations", "Newton's iterations", _N + "iterations"),
-    Field("newton_largest", "most iterations of a step", _N + "largest"),
+    Field("newton_iterations", "Newton's iterations", _T + "newton_iterations"),
     Field("store_every", "every n-th point is kept", _T + "every"),
     Field("stopped_by", "event that ended the run", _O + "stopped_by"),
     Field(EXTENTS, "how large quantities become", _extents, is_json=True),
@@ -176,7 +174,6 @@ FIELDS: Final[dict[str, Field]] = {one.name: one for one in (
 CLASSES: Final[Mapping[str, type]] = {
     "measured": Measured,
     "trajectory.assessment": Assessment,
-    "trajectory.newton": NewtonRecord,
     "trajectory.diagnostics": Diagnostics,
 }
 """Classes by the path at which they stand in a finished run."""

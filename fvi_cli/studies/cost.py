@@ -85,7 +85,7 @@ def measure_cost(run: Run, reference: Reference, *, repeats: int = REPEATS) -> C
         median_seconds=statistics.median(seconds),
         repeats=repeats,
         history_operations=finished.trajectory.history_operations,
-        newton_iterations=finished.trajectory.newton.iterations,
+        newton_iterations=finished.trajectory.newton_iterations,
         message=finished.trajectory.message,
     )
 

@@ -2,7 +2,6 @@
 
 import math
 
-import mpmath
 import numpy as np
 import pytest
 from letters import in_pieces, spring, swing
@@ -13,7 +12,6 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator import baselines
 from fvi_cli.integrator.baselines import trapezoidal_weights
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Baseline, Method
 
 GRUENWALD = Baseline(name="gruenwald-letnikov")
@@ -81,38 +79,6 @@ def test_one_wrong_weight_costs_the_order(monkeypatch):
         assert slope(SCENES["gamma = 1.5"], PRODUCT) == pytest.approx(2.0, abs=0.1)
 
 
-@pytest.mark.parametrize(("method", "order"), [(GRUENWALD, 1.0), (PRODUCT, 1.5)])
-def test_orders_on_an_exact_solution(method, order):
-    # x = t^(5/2) solves x'' + D^(3/2) x + x = 15/4 sqrt(t) + 15/8 sqrt(pi) t + t^(5/2)
-    scene = spring(
-        T=1.0, damping=[damping(1.5, 1.0)], forcing="15/4*sqrt(t) + 15/8*sqrt(pi)*t + t**2.5"
-    )
-    # the linear interpolant of sqrt(t) costs half an order
-    assert method is GRUENWALD or math.isnan(order_on(scene, method))
-    errors = []
-    for n in COUNTS:
-        trajectory = integrate(scene, method, n)
-        errors.append(np.abs(trajectory.position[:, 0] - trajectory.time**2.5).max())
-    orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert orders == pytest.approx(order, abs=0.1)
-
-
-def test_weights_against_extended_precision():
-    order, h = 0.7, 0.125
-    with mpmath.workdps(40):
-        exponent = mpmath.mpf(order) + 1
-        factor = mpmath.mpf(h) ** order / mpmath.gamma(mpmath.mpf(order) + 2)
-        exact = [
-            float(
-                factor * ((n + 1) ** exponent - 2 * mpmath.mpf(n) ** exponent + (n - 1) ** exponent)
-            )
-            for n in (1, 2, 10, 1000)
-        ]
-    found = trapezoidal_weights(order, h, 1001)
-    assert found[[1, 2, 10, 1000]] == pytest.approx(exact, rel=1e-11)
-    assert trapezoidal_weights(order, h, 1) == pytest.approx([h**0.7 / math.gamma(2.7)])
-
-
 def test_gruenwald_letnikov_is_the_textbook_scheme():
     scene = SCENES["gamma = 1.5"]
     n_steps, h = 16, 0.25
@@ -126,19 +92,6 @@ def test_gruenwald_letnikov_is_the_textbook_scheme():
         )
         x.append(2 * x[k] - x[k - 1] - h * h * (0.7 * derivative + 2.0 * x[k]))
     assert integrate(scene, GRUENWALD, n_steps).position[:, 0] == pytest.approx(x, abs=1e-12)
-
-
-@pytest.mark.parametrize("n_steps", [1, 2, 3, 7])
-def test_velocities_of_gruenwald_letnikov_are_differences_of_its_positions(n_steps):
-    scene = free(0.5)
-    run = integrate(scene, GRUENWALD, n_steps)
-    h, x, v = scene.final_time / n_steps, run.position[:, 0], run.momentum[:, 0]
-    # of a mass 1
-    assert v[0] == scene.initial_velocity
-    np.testing.assert_allclose(v[1:-1], (x[2:] - x[:-2]) / (2 * h), atol=1e-12)
-    # at the end through three points where there are as many
-    last = (x[-1] - x[-2]) / h if n_steps == 1 else (3 * x[-1] - 4 * x[-2] + x[-3]) / (2 * h)
-    assert v[-1] == pytest.approx(last, abs=1e-12)
 
 
 @spread(name=["explicit-euler", "implicit-euler"], order=[0.5, 1.0, 1.5])

@@ -40,7 +40,7 @@ def test_every_run_is_measured_and_counted():
     for row in rows:
         trajectory = integrate(one.problem.scene, row.run.method, row.run.n_steps)
         assert row.history_operations == trajectory.history_operations > 0
-        assert row.newton_iterations == trajectory.newton.iterations
+        assert row.newton_iterations == trajectory.newton_iterations
         assert row.repeats == 3
         assert 0 < row.seconds <= row.median_seconds
         assert row.status == "ok"

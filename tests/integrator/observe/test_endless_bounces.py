@@ -44,7 +44,7 @@ def test_drawn_rebounds_end_in_rest(seed: int) -> None:
         run = fvi.integrate(scene, f"gauss{degree}", n_steps, impacts=floor)
         assert run.observed.events["floor"].time.size <= most_impacts(restitution)
         # the work of a flight is bounded
-        assert run.newton.iterations <= 30 * (run.time.size + n_steps)
+        assert run.newton_iterations <= 30 * (run.time.size + n_steps)
         rests.append(time_of_rest(run) / second)
     assert rests[0] == pytest.approx(rests[1], rel=2e-3)
 
