@@ -19,8 +19,7 @@ from fvi_cli.integrator.gradients.parameters import (
     parameter_of,
 )
 from fvi_cli.integrator.gradients.quantity import Quantity
-from fvi_cli.integrator.integrate import method_on
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import Method, as_method
 from fvi_cli.integrator.observe.request import Observations, known_names, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
 from fvi_cli.mathematics.arrays import Array
@@ -137,7 +136,7 @@ def gradient(
         raise ValueError("parameters: give the arguments of the function with their values")
     every = [one for own in changes.values() for one in own]
     own, names = described
-    value, found = gradient_of(own, method_on(method, steps), steps, quantity, every, names)
+    value, found = gradient_of(own, as_method(method), steps, quantity, every, names)
     rates = iter(found.tolist())
     derivatives = {}
     for name, parts in changes.items():

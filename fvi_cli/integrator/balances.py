@@ -47,7 +47,6 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
 PIECE = 64  # most equal steps that are computed together
-AT_ONCE = 2**20  # most numbers in the states that are held
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -74,17 +73,13 @@ class DampingAlong:
 
         None for backward differences, whose weights are no positive sum of squares.
         """
-        found, path = [], list[tuple[Array, Array]]()
-        for tables, _, states, column in self._replay(1):
-            path.append((states, column))
-            if tables is None or len(path) * states.size > AT_ONCE:
-                every = (np.stack(one) for one in zip(*path, strict=True))
-                energy = self.damping.energy(*every)
-                if energy is None:
-                    return None
-                found.append(energy.sum(axis=0))
-                path.clear()
-        return np.concatenate(found).T
+        found = []
+        for _, _, states, column in self._replay(1):
+            energy = self.damping.energy(states[None], column[None])
+            if energy is None:
+                return None
+            found.append(energy.sum(axis=(0, 1)))
+        return np.stack(found, axis=1)
 
     def _replay(self, longest: int) -> Iterator[tuple[Kernels | None, Array, Array, Array]]:
         """Blocks of steps: tables, their inputs, and the states at their beginning.

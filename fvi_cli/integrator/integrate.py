@@ -32,7 +32,8 @@ from fvi_cli.integrator.observe.request import (
     observations,
 )
 from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
-from fvi_cli.integrator.trajectory import Trajectory, thinned
+from fvi_cli.integrator.run.recorder import Kept
+from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.threads import in_one_thread
 
 LARGEST_STEP = 24
@@ -64,7 +65,6 @@ def integrate(
         Effects and initial data; absent effects are not computed.
     method
         A method, or its name (:func:`fvi_cli.method_named`): ``gauss3``, ``bdf2-nodes``.
-        With a mesh or adaptive steps the name of a Gauss method means the one with ``start: none``.
     steps
         N >= 1 for N equal steps; for Runge-Kutta methods also a :class:`Mesh`
         (:func:`uniform_mesh`, :func:`graded_mesh`, :func:`mesh_of`), or :class:`AdaptiveSteps`,
@@ -122,7 +122,7 @@ def integrate(
         )
     (found,) = integrate_members(
         [scene],
-        method_on(method, steps),
+        method,
         steps,
         observe=[request],
         every=every,
@@ -187,9 +187,7 @@ def integrate_members(
                 method,
                 each[part[0]],
                 asked[0],
-                every=every,
-                diagnostics=diagnostics,
-                with_steps=with_steps or is_observed,
+                Kept(every, diagnostics, with_steps or is_observed),
             )
             if is_observed:
                 runs = observe_runs(members, method, runs, asked)
@@ -209,57 +207,30 @@ def _integrated(
     method: AnyMethod,
     steps: AnySteps,
     request: Observations,
-    *,
-    every: int,
-    diagnostics: bool,
-    with_steps: bool,
+    kept: Kept,
 ) -> list[Trajectory]:
     """The runs of one scene, or of a batch."""
     first = scenes[0]
     if first.prescribed is not None:
-        if diagnostics:
+        if kept.diagnostics:
             raise ValueError("diagnostics: the motion is given; it has no energy and no momentum")
-        return [thinned(material_response(first, method, steps, with_steps=with_steps), every)]
+        run = material_response(first, method, steps, with_steps=kept.with_steps)
+        return [run.thinned(kept.every)]
     if reason := law_objection(first, method):
         raise ValueError(f"method: {reason}")
-    if isinstance(method, Baseline) or not method.is_runge_kutta:
-        if isinstance(steps, Mesh | AdaptiveSteps):
+    if isinstance(method, Baseline):
+        if isinstance(steps, Mesh | AdaptiveSteps) or kept.diagnostics or kept.with_steps:
             raise ValueError(
-                f"mesh: {method.label} takes equal steps only; give a number, "
-                "or take rk: gauss with start: none"
+                f"method: {method.label} has points on equal steps only, without polynomials and "
+                "works; give a number, or take rk: gauss"
             )
-        if with_steps:
-            raise ValueError(
-                f"with_steps: {method.label} has no polynomials to keep; "
-                "take rk: gauss, such as gauss3"
-            )
-        if isinstance(method, Baseline):
-            if diagnostics:
-                raise ValueError(f"diagnostics: {method.label} keeps no increments of its steps")
-            return [thinned(integrate_baseline(first, method, steps), every)]
+        return [integrate_baseline(first, method, steps).thinned(kept.every)]
     if request.impacts:
         if isinstance(steps, Mesh | AdaptiveSteps):
             raise ValueError("impacts: steps are cut where these are; give a number of steps")
-        return [
-            integrate_with_impacts(
-                first, method, steps, request, every=every, diagnostics=diagnostics
-            )
-        ]
+        return [integrate_with_impacts(first, method, steps, request, kept)]
     chosen = steps if isinstance(steps, AdaptiveSteps) else mesh_for(first, method, steps)
-    return integrate_scenes(
-        scenes, method, chosen, every=every, diagnostics=diagnostics, with_steps=with_steps
-    )
-
-
-def method_on(method: AnyMethod | str, steps: AnySteps) -> AnyMethod:
-    """A method, also by name; on a mesh the name of a Gauss method means ``start: none``."""
-    chosen = as_method(method)
-    is_default = isinstance(method, str) and "graded" not in method.lower()
-    if not (is_default and isinstance(steps, Mesh | AdaptiveSteps)):
-        return chosen
-    if isinstance(chosen, Method) and chosen.start == "graded":
-        return replace(chosen, start="none")
-    return chosen
+    return integrate_scenes(scenes, method, chosen, kept)
 
 
 def _check_counts(n_steps: object, every: object) -> None:
@@ -296,7 +267,7 @@ def batch_kind(scene: Scene, method: Method, steps: AnySteps) -> Hashable | None
     if method.degree * (scene.dimension // width) > LARGEST_STEP:
         return None
     powers = None
-    if method.start == "graded":
+    if method.start == "graded" and not isinstance(steps, Mesh):
         powers = tuple(start_power(scene, at_start=at_start) for at_start in (True, False))
     return (
         id(steps) if isinstance(steps, Mesh) else steps,

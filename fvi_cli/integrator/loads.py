@@ -13,7 +13,7 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.tables import StepTables
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
-from fvi_cli.mathematics.quadrature import gauss_rule
+from fvi_cli.mathematics.quadrature import gauss_rule, jacobi_rule
 
 FINE_POINTS = 24  # Gauss points of a panel
 GRADED = (0.0, *(0.15 ** np.arange(199, -1, -1.0)).tolist())
@@ -53,11 +53,6 @@ class StepLoads:
         # for backward differences: load vectors of the first steps, ``(n, s + 1, d)``
         self._added = np.zeros((0, method.degree + 1, scene.dimension))
         self._initial = scene.initial_loads
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether no loads are known in advance."""
-        return self._forcing is None and not self._initial and not self._added.size
 
     def add(self, loads: Array) -> None:
         """Give the load vectors of the force of starting weights, ``(N, s + 1, d)``."""
@@ -119,15 +114,12 @@ class StepLoads:
         With :math:`l(\tau) = l(0) + \tau r(\tau)` the singular part of the force :math:`t^e` is
         :math:`h^{1 + e} l(0) / (1 + e)`, an impulse at 0 for e near -1.
         """
-        from scipy.special import roots_jacobi
-
         basis = lobatto_basis(self._tables.degree)
         at_zero = basis.values(np.zeros(1))
         total = np.zeros((at_zero.shape[0], self._dimension))
         for power, load in self._initial:
-            nodes, weights = roots_jacobi(at_zero.shape[0], 0.0, 1.0 + power)
-            tau = 0.5 * (nodes + 1.0)
-            rest = ((basis.values(tau) - at_zero) / tau) @ (weights * 0.5 ** (2.0 + power))
+            nodes, weights = jacobi_rule(at_zero.shape[0], 1.0 + power)
+            rest = ((basis.values(1.0 - nodes) - at_zero) / (1.0 - nodes)) @ weights
             own = at_zero[:, 0] / (1.0 + power) + rest
             total += step_size ** (1.0 + power) * np.outer(own, load)
         return total

@@ -1,11 +1,10 @@
 """Works, stored energy and balance: exact where promised, of the method's order elsewhere."""
 
-import dataclasses
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from letters import in_pieces, spring, swing
+from letters import spring, swing
 from oracles.linear_response import match_scene
 from spread import spread
 
@@ -33,7 +32,7 @@ def oscillator(order, forcing="cos(t)"):
     return spring((order, 0.7), T=8.0, k=2.0, x=1.0, v=0.5, forcing=forcing)
 
 
-def two_masses(derivative="caputo"):
+def two_masses():
     return scene_of(
         kind="bagley-torvik",
         mass=[[2.0, 0.5], [0.5, 1.0]],
@@ -42,31 +41,8 @@ def two_masses(derivative="caputo"):
             {"order": 0.5, "coefficient": [[0.7, 0.2], [0.2, 0.3]]},
             {"order": 0.8, "coefficient": 0.1},
         ],
-        derivative=derivative,
         forcing={"pieces": [{"until": 1.0, "value": ["8", "t"]}, {"value": ["0", "1"]}]},
         initial={"position": [1.0, 0.0], "velocity": [0.0, 0.5]},
-        final_time=4.0,
-    )
-
-
-def struck_plate():
-    return spring((1.5, 0.7), T=4.0, x=1.0, v=0.5, forcing=in_pieces("8", 1.0, "0"))
-
-
-def kepler(mu):
-    return scene_of(
-        kind="kepler",
-        damping=[{"order": 0.5, "coefficient": mu}] if mu else [],
-        initial={"position": [1.0, 0.0], "velocity": [0.0, 0.8]},
-        final_time=8.0,
-    )
-
-
-def double_pendulum():
-    return scene_of(
-        kind="double-pendulum",
-        joints=[{"order": 0.5, "coefficient": 0.2}],
-        initial={"position": [1.0, -0.5], "velocity": 0.0},
         final_time=4.0,
     )
 
@@ -101,23 +77,12 @@ def test_energy_balance_is_exact_on_linear_scenes(method, order):
     assert np.abs(without).max() > 0.5
 
 
-def test_energy_balance_of_kicks_is_exact_beyond_one_mass_one_term_and_jumps():
-    scene = two_masses()
-    for method in (
-        MIDPOINT_NODES,
-        dataclasses.replace(NODES, start="weights", start_exponents=(1.0,)),
-    ):
-        found = diagnosed(scene, method, 64)
-        assert np.abs(found.energy_defect).max() < 5e-14 * np.abs(found.forcing_work).max()
-
-
 @spread(
     method=[GAUSS2_GRADED, GAUSS3_GRADED],
     scene=[
         oscillator(0.5),
         oscillator(1.5),
         two_masses(),
-        struck_plate(),
         oscillator(0.5, forcing="sqrt(t)"),
     ],
 )
@@ -134,12 +99,8 @@ def test_energy_balance_is_exact_on_graded_meshes(scene, method):
         ("pendulum", pendulum(), GAUSS2_GRADED, 128, 4),
         ("pendulum", pendulum(), GAUSS3_GRADED, 64, 6),
         ("pendulum", pendulum(), MIDPOINT_NODES, 64, 2),
-        ("double pendulum", double_pendulum(), GAUSS2_GRADED, 64, 4),
-        ("double pendulum", double_pendulum(), GAUSS3_GRADED, 64, 6),
-        ("double pendulum", double_pendulum(), MIDPOINT_NODES, 64, 2),
         ("dL/dt", changing_lagrangian(), GAUSS2_GRADED, 64, 4),
         ("dL/dt", changing_lagrangian(), GAUSS3_GRADED, 64, 6),
-        ("kepler", kepler(0.05), GAUSS3_GRADED, 256, 6),
     ],
     ids=lambda value: getattr(value, "case", str(value))[:40] if value is not None else "",
 )
@@ -187,22 +148,6 @@ def test_asking_changes_the_motion_by_round_off_only_and_is_thinned_with_it():
     thin = integrate(scene, GAUSS3_GRADED, 256, every=100, diagnostics=True)
     assert thin.time.size == thin.diagnostics.energy_defect.size == 4
     assert thin.diagnostics.dissipated_work[-1] == with_more.diagnostics.dissipated_work[-1]
-
-
-@spread(
-    method=[GAUSS2, POINTS], **{"derivative, slope": [("riemann-liouville", 0.8), ("caputo", None)]}
-)
-def test_the_work_of_an_unbounded_force_without_a_series(method, derivative, slope):
-    """A force t^-0.6 from an initial position: the defect falls like h^(2 - 1.2)."""
-    scene = spring((0.6, 0.7), T=2.0, x=1.0, v=0.5, derivative=derivative)
-    defects = []
-    for n_steps in (64, 128):
-        found = integrate(scene, method, n_steps, diagnostics=True)
-        defects.append(abs(found.diagnostics.energy_defect[-1]))
-    if slope is None:
-        assert max(defects) < 1e-12
-    else:
-        assert np.log2(defects[0] / defects[1]) == pytest.approx(slope, abs=0.05)
 
 
 Array = np.ndarray
@@ -275,13 +220,6 @@ def check(seed: int) -> None:
 @pytest.mark.parametrize("first", range(0, 60, 15))
 def test_the_extended_energy_of_random_scenes_falls(first):
     for seed in range(first, first + 15):
-        check(seed)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("first", range(0, 2000, 100))
-def test_the_extended_energy_of_many_random_scenes_falls(first):
-    for seed in range(first, first + 100):
         check(seed)
 
 

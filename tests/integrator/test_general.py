@@ -16,7 +16,6 @@ from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import kepler
 from fvi_cli.scenes.lagrangian import double_pendulum, lagrangian_scene
 
 GAUSS3 = Method(cq="gauss", degree=3)
@@ -100,26 +99,6 @@ def test_orders_above_one_meet_the_stages(order, degree):
     stated = degree + 4 - order
     assert math.isnan(order_on(bent(order), method))
     assert stated - 0.35 < found < stated + 0.1
-
-
-POLAR = {
-    "coordinates": ["r", "a"],
-    "lagrangian": "(vr**2 + (r*va)**2)/2 + 1/r",
-    "initial_position": [1.0, 0.0],
-    "initial_velocity": [0.0, 0.8],
-}
-
-
-def test_kepler_in_polar_coordinates():
-    polar = integrate(lagrangian_scene(final_time=4.0, **POLAR), GAUSS3, 512)
-    plane = integrate(
-        kepler(final_time=4.0, initial_position=[1, 0], initial_velocity=[0, 0.8]), GAUSS3, 512
-    )
-    r, angle = polar.position.T
-    assert r * np.cos(angle) == pytest.approx(plane.position[:, 0], abs=1e-9)
-    assert r * np.sin(angle) == pytest.approx(plane.position[:, 1], abs=1e-9)
-    # the angle does not occur in L: its momentum is kept
-    assert polar.momentum[:, 1] == pytest.approx(np.full(513, 0.8), abs=1e-13)
 
 
 @pytest.mark.parametrize("stages", [2, 3])

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from unittest.mock import patch
 
-import mpmath
 import numpy as np
 import pytest
 from letters import spring, swing
@@ -69,29 +68,8 @@ def test_classical_damping_at_the_points_reaches_order_p(bdf_order):
     assert last_order(scene, exact, plain) == pytest.approx(2, abs=0.1)
 
 
-def test_an_exact_singular_force_is_seen_wrong_by_the_points():
-    """Order 1.5 with weights, 2.5 without: plain quadrature hides what exact values show."""
-    scene, exact = oscillator(0.5)
-    ladder = (256, 512, 1024)
-    corrected = Method(cq="bdf4", degree=2, start="weights", start_exponents=(1.0, 2.5, 3.0))
-    plain = Method(cq="bdf4", degree=2)
-    assert last_order(scene, exact, corrected, ladder) == pytest.approx(1.5, abs=0.1)
-    assert last_order(scene, exact, plain, ladder) == pytest.approx(2.5, abs=0.1)
-
-
 CROWDED = (1.0, *(round(2.0 + 0.1 * k, 1) for k in range(9)))
 """Powers of a motion with order 1.9, too close to each other."""
-
-
-@spread(offset=[0.0, 0.21, 0.79], powers=[(0.5,), (1.0, 1.5, 2.0, 2.5), CROWDED])
-def test_digits_of_the_inverse_are_those_of_more_digits(offset, powers):
-    found, condition = starting_weights_module._inverse_vandermonde(offset, powers)
-    with mpmath.workdps(80):
-        nodes = [mpmath.mpf(offset) + k + (offset == 0) for k in range(len(powers))]
-        exact = mpmath.inverse(mpmath.matrix([[x ** mpmath.mpf(e) for x in nodes] for e in powers]))
-        high = np.array(exact.tolist(), dtype=float).reshape(found.shape)
-    assert np.allclose(found.astype(float), high, rtol=4e-16, atol=0)
-    assert condition < 1e4 or len(powers) > 4
 
 
 def test_the_limit_of_the_condition_keeps_digits():

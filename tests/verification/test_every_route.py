@@ -22,6 +22,7 @@ from fvi_cli.integrator.meshes.mesh import mesh_of
 from fvi_cli.integrator.method import Method, RuleSpecification
 from fvi_cli.integrator.run import loop
 from fvi_cli.integrator.run.on_mesh import integrate_scenes, mesh_for
+from fvi_cli.integrator.run.recorder import Kept
 from fvi_cli.integrator.trajectory import Trajectory
 
 FIELDS = ("position", "momentum", "time", "energy")
@@ -147,7 +148,7 @@ def by_blocks_of(most: int) -> Callable[[Case], None]:
         mesh = mesh_for(case.scene, case.method, case.n_steps)
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(loop, "block_length", lambda engine, _: 1 if engine.is_single else most)
-            (found,) = integrate_scenes([case.scene], case.method, mesh)
+            (found,) = integrate_scenes([case.scene], case.method, mesh, Kept())
         check_same(case, case.usual, found)
 
     return check

@@ -34,6 +34,7 @@ from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.observe.surface import Surface, push_off, start_objection
 from fvi_cli.integrator.run.loop import Proposal
 from fvi_cli.integrator.run.on_mesh import run_through
+from fvi_cli.integrator.run.recorder import Kept
 from fvi_cli.integrator.trajectory import Observed, Occurrences, Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -49,9 +50,7 @@ def integrate_with_impacts(
     method: Method,
     n_steps: int,
     request: Observations,
-    *,
-    every: int = 1,
-    diagnostics: bool = False,
+    kept: Kept,
 ) -> Trajectory:
     """Integrate a scene with surfaces that it bounces off, by a Runge-Kutta method.
 
@@ -75,9 +74,7 @@ def integrate_with_impacts(
     shortest = SHORTEST_STEP * scene.final_time
     engine = Engine([scene], method, shortest_step=shortest, steps=MOST_SHORTEST, is_single=True)
     source = Bouncing(scene, method, n_steps, surfaces)
-    (run,) = run_through(
-        engine, source, began, every=every, diagnostics=diagnostics, with_steps=True
-    )
+    (run,) = run_through(engine, source, kept._replace(with_steps=True), began)
     steps, events = run.steps, dict[str, Occurrences]()
     assert steps is not None
     for name, times in source.times.items():
@@ -167,7 +164,7 @@ class Bouncing:
     def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
         """The end of a step that meets no surface, or ends on one; None to try another one."""
         if steps.failed.any():
-            self._fail(str(why_unsolved(steps, state)))
+            self._fail(why_unsolved(steps, state))
             return None
         path = StepPath(
             begin=state.t,

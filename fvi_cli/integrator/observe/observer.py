@@ -196,15 +196,10 @@ class Observer:
 
 def _stopped(run: Trajectory, end: float) -> Trajectory:
     """The points of a run before an event that ends it; it counts as complete."""
-    kept, known, event = run.time < end, run.diagnostics, run.observed and run.observed.stopped_by
+    event = run.observed and run.observed.stopped_by
     return replace(
-        run,
-        time=run.time[kept],
-        position=run.position[kept],
-        momentum=None if run.momentum is None else run.momentum[kept],
-        energy=None if run.energy is None else run.energy[kept],
+        run.at(run.time < end),
         status="ok",
         message="",
         remarks=(*run.remarks, f"stopped by the event {event} at t = {end:.10g}"),
-        diagnostics=None if known is None else known.at(np.flatnonzero(known.time <= end)),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -14,8 +15,8 @@ from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.recorder import Recorder, Solved
 from fvi_cli.mathematics.arrays import Array
 
-CHUNK, LARGEST_CHUNK = 16384, 2**17
-"""Most steps whose loads are computed together, and most numbers in their positions."""
+CHUNK_OCTAVES, LARGEST_CHUNK = 14, 2**17
+"""Most steps whose loads are computed together, as a power of 2, and most numbers in these."""
 
 
 class Proposal(NamedTuple):
@@ -68,20 +69,14 @@ class MeshSource:
         return one.end
 
 
-def chunk_steps(dimension: int) -> int:
-    """Steps of a chunk for scenes with `dimension` degrees of freedom in all, a power of 2."""
-    most = CHUNK
-    while most > 16 and most * dimension > LARGEST_CHUNK:
-        most //= 2
-    return most
-
-
 def march(engine: Engine, source: Source, recorder: Recorder) -> None:
     """Get proposals of steps, solve them, and let the source judge them and the recorder keep them.
 
     It ends where the source does, or where the last scene has stopped.
     """
-    state, chunk = engine.start(), chunk_steps(engine.q * engine.e)
+    # a power of 2, as blocks are
+    octaves = int(math.log2(LARGEST_CHUNK / (engine.q * engine.e)))
+    state, chunk = engine.start(), 1 << max(4, min(octaves, CHUNK_OCTAVES))
     recurrence: Recurrence | None = None
     with np.errstate(all="ignore"):
         while len(recorder.failures) < len(engine.scenes):

@@ -13,16 +13,15 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import diagnose
 from fvi_cli.integrator.engine.engine import Engine
-from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps, StepController
+from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps, shortest_step
 from fvi_cli.integrator.meshes.graded import graded_start_mesh, start_power
-from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, misplaced_break_point, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import MeshSource, Source, march
-from fvi_cli.integrator.run.recorder import Recorder
+from fvi_cli.integrator.run.recorder import Kept, Recorder
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.definite import least_scaled_eigenvalue
 from fvi_cli.mathematics.threads import in_one_thread
 
 AnySteps = int | Mesh | AdaptiveSteps
@@ -40,11 +39,6 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
                 scene, at_start=at_start, forcing_quadrature=method.forcing_quadrature
             ),
         )
-    if not method.is_runge_kutta:
-        # all steps are equal: break points between two of them are refused
-        misplaced = misplaced_break_point(scene.break_points, scene.final_time, n_steps)
-        if misplaced:
-            raise ValueError(f"n_steps: {n_steps} puts {misplaced}")
     return uniform_mesh(scene.final_time, n_steps, scene.break_points)
 
 
@@ -65,11 +59,13 @@ def engine_for(scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSt
                 "mesh: adaptive steps are for Gauss methods of degree 2 and more, not "
                 f"for {method.label}"
             )
-        shortest = StepController(steps, scenes[0], method.degree).shortest_step
+        shortest = shortest_step(scenes[0])
         return Engine(scenes, method, shortest_step=shortest, steps=MOST_SHORTEST, is_single=True)
     sizes = [one.step_size for one in steps.stretches]
     if not method.is_runge_kutta and max(sizes) - min(sizes) > ON_GRID * min(sizes):
-        raise ValueError(f"mesh: {method.cq} takes equal steps only; use rk: gauss")
+        raise ValueError(
+            f"steps: {method.cq} takes equal steps with break points at their ends; use rk: gauss"
+        )
     return Engine(
         scenes,
         method,
@@ -84,16 +80,13 @@ def integrate_scenes(
     scenes: Sequence[Scene],
     method: Method,
     steps: Mesh | AdaptiveSteps,
+    kept: Kept,
     *,
-    every: int = 1,
-    diagnostics: bool = False,
-    with_steps: bool = False,
     engine: Engine | None = None,
 ) -> list[Trajectory]:
     """Integrate scenes of one kind over [0, T], all at once; one by adaptive steps.
 
-    Every n-th reported point is kept, the first and the last; `with_steps` keeps the polynomials of
-    all steps. Diagnostics do not change the trajectory. Adaptive runs may share `engine`.
+    Adaptive runs may share `engine`.
 
     Raises
     ------
@@ -110,7 +103,7 @@ def integrate_scenes(
             raise ValueError(f"mesh: {words}")
         steps.check_breaks(first.break_points)
         # a run without memory for its points fails here: later, a library may end the process
-        np.empty((steps.n_reported // every + 1, len(scenes), 2 * first.dimension + 2))
+        np.empty((steps.n_reported // kept.every + 1, len(scenes), 2 * first.dimension + 2))
     engine = engine or engine_for(scenes, method, steps)
     source: Source
     if isinstance(steps, AdaptiveSteps):
@@ -119,26 +112,17 @@ def integrate_scenes(
         source = MeshSource(steps)
         if method.start == "weights" and first.active_damping:
             _add_starting_weights(engine, steps)
-    return run_through(
-        engine, source, began, every=every, diagnostics=diagnostics, with_steps=with_steps
-    )
+    return run_through(engine, source, kept, began)
 
 
-def run_through(
-    engine: Engine,
-    source: Source,
-    began: float,
-    *,
-    every: int = 1,
-    diagnostics: bool = False,
-    with_steps: bool = False,
-) -> list[Trajectory]:
+def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> list[Trajectory]:
     """Do the steps of a source; `began` is the time of a clock where their preparation began."""
     # above order 1 velocities begin like a power of t behind such loads, and so do momenta
     is_rough = engine.method.cq == "gauss" and any(
         one.acts_above_order_1 and (one.initial_loads or source.pushes) for one in engine.scenes
     )
-    recorder = Recorder(engine, every=every, with_steps=with_steps or diagnostics or is_rough)
+    with_steps = kept.with_steps or kept.diagnostics or is_rough
+    recorder = Recorder(engine, every=kept.every, with_steps=with_steps)
     ready, share = clock.perf_counter(), 1.0 / len(engine.scenes)
     march(engine, source, recorder)
     seconds = share * (ready - began), share * (clock.perf_counter() - ready)
@@ -156,16 +140,10 @@ def run_through(
         energy, end, failure = _energies(scene, time, position, momentum)
         failure = failure or recorder.failures.get(index, "")
         if steps is not None and end < time.size:
-            # a search by time fails where ends of the shortest steps are equal to the last bit
-            is_whole = steps.time.size == time.size
-            kept = end - 1 if is_whole else int(np.searchsorted(steps.time, time[end - 1]))
-            steps = steps.first(kept)
-        n_steps = source.n_steps
-        if isinstance(source, AdaptiveSource) and steps is not None:
-            n_steps = steps.n_steps
+            steps = steps.first(int(np.searchsorted(steps.time, time[end - 1])))
         time, position, momentum = time[:end], position[:end], momentum[:end]
         works = None
-        if steps is not None and diagnostics and steps.n_steps:
+        if steps is not None and kept.diagnostics and steps.n_steps:
             with np.errstate(all="ignore"):
                 works = diagnose(scene, engine.method, steps, engine.loads_of[index])
             works = works.at(np.searchsorted(steps.time, time))
@@ -176,17 +154,17 @@ def run_through(
                 position=position,
                 momentum=momentum,
                 energy=energy,
-                n_steps=n_steps,
-                step_size=scene.final_time / max(n_steps, 1),
+                n_steps=source.n_steps,
+                step_size=scene.final_time / max(source.n_steps, 1),
                 status="failed" if failure else "ok",
                 message=failure,
                 history_operations=0 if damping is None else done * damping.operations_per_step,
-                newton=recorder.newton(index),
+                newton_iterations=recorder.iterations_of(index),
                 setup_seconds=seconds[0],
                 stepping_seconds=seconds[1],
-                every=every,
+                every=kept.every,
                 diagnostics=works,
-                steps=steps if with_steps else None,
+                steps=steps if kept.with_steps else None,
                 rejected=source.rejected,
             )
         )
@@ -196,36 +174,15 @@ def run_through(
 def _energies(
     scene: Scene, time: Array, position: Array, momentum: Array
 ) -> tuple[Array, int, str]:
-    """Energies at points, up to where the mass is positive definite and the energy is finite.
-
-    It also returns the number of these points, and why the run ends there.
-    """
+    """Energies at points, up to where they are finite; how many these are, and why no more."""
     with np.errstate(all="ignore"):
-        if scene.lagrangian is None:
-            energy, mass = scene.energy(position, momentum, time), None
-        else:
-            velocity = scene.lagrangian.velocity(position, momentum, time)
-            energy = scene.lagrangian.energy(position, velocity, time)
-            mass = scene.lagrangian.derivatives(position, velocity, time).mass
-    # energies of linear scenes may overflow where motions are right
-    finite, definite = np.isfinite(energy) | scene.is_linear, np.ones(time.size, dtype=bool)
-    if mass is not None:
-        has_mass = np.isfinite(mass).all(axis=(1, 2))
-        definite[has_mass] = least_scaled_eigenvalue(mass[has_mass]) > 0
-        finite &= has_mass
-    wrong = np.flatnonzero(~(finite & definite))
+        energy = scene.energy(position, momentum, time)
+    wrong = np.flatnonzero(~np.isfinite(energy))
     if not wrong.size:
         return energy, time.size, ""
     at = int(wrong[0])
-    what = "mass matrix d2L/dv2 is not positive definite"
-    if definite[at]:
-        what = "energy is not finite"
     near = ", ".join(f"{value:.4g}" for value in position[at])
-    words = f"t = {float(time[at]):.6g}: the {what} near q = [{near}]"
-    # where no velocity is found from the momentum at the start, the start is kept
-    if at == 0 and scene.lagrangian is not None:
-        start = scene.initial_position, scene.initial_velocity
-        energy[0] = scene.lagrangian.energy(*start, 0.0)
+    words = f"t = {float(time[at]):.6g}: the energy is not finite near q = [{near}]"
     return energy[: max(at, 1)], max(at, 1), words
 
 

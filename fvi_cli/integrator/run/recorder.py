@@ -12,11 +12,18 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import not_finite, why_unsolved
 from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.steps import RunSteps
-from fvi_cli.integrator.trajectory import NewtonRecord
 from fvi_cli.mathematics.arrays import Array, Mask, Places
 
 WAITING = 256
 """Steps whose points are converted to the coordinates of their scenes together."""
+
+
+class Kept(NamedTuple):
+    """What is kept of a run."""
+
+    every: int = 1  # every n-th reported point, with the first and the last
+    diagnostics: bool = False  # works and energies; they do not change the trajectory
+    with_steps: bool = False  # the polynomials of all steps
 
 
 class Solved(NamedTuple):
@@ -37,20 +44,13 @@ class _Points(NamedTuple):
     position: Array  # (scenes, n, d)
     momentum: Array
     size: Array  # length of the step before it, (n,)
-    is_point: Mask  # whether the point is reported; others are kept for polynomials only
+    step: Places  # number of steps before it, (n,)
+    is_point: Mask  # whether the point is reported; others are kept as ends and for polynomials
 
-    def of(self, some: slice | Places) -> _Points:
+    def of(self, some: Places) -> _Points:
         """Some of them."""
-        time, x, p, size, is_point = self
-        return _Points(time[some], x[:, some], p[:, some], size[some], is_point[some])
-
-
-class _End(NamedTuple):
-    """Where a scene ends."""
-
-    steps: int  # number of steps up to there
-    points: int  # number of reported points, including the start
-    point: _Points  # the last point
+        time, x, p, size, step, is_point = self
+        return _Points(time[some], x[:, some], p[:, some], size[some], step[some], is_point[some])
 
 
 class Recorder:
@@ -65,28 +65,27 @@ class Recorder:
         self._engine, self._every, self.with_steps = engine, every, with_steps
         self.failures: dict[int, str] = {}
         self._done = self._reported = self._count = 0
-        self._iterations, self._most = np.zeros((2, engine.q), dtype=np.int64)
+        self._iterations = np.zeros(engine.q, dtype=np.int64)
         starts = [(one.initial_position, one.initial_velocity) for one in engine.scenes]
         x = np.array([[position] for position, _ in starts])
         p = np.array(
             [[one.momentum(*own, 0.0)] for one, own in zip(engine.scenes, starts, strict=True)]
         )
-        none = np.zeros(1)
-        start = _Points(none, x, p, none, none == 0.0)
-        self._last = _End(0, 1, start)
-        # columns in pieces; sizes and masks only where the polynomials need them
-        self._pieces: list[list[Any]] = [[one] for one in start[: 5 if with_steps else 3]]
+        none, first = np.zeros(1), np.zeros(1, dtype=np.intp)
+        # columns in pieces
+        self._pieces: list[list[Any]] = [
+            [one] for one in _Points(none, x, p, none, first, none == 0)
+        ]
         self._columns: list[Any] = []
         self._velocity: list[Array] = []
         self._waiting: list[Solved] = []
         # for some scenes how many of the waiting steps are kept, and why they stop there
         self._stops: dict[int, tuple[int, str]] = {}
-        self._ends: dict[int, _End] = {}  # of scenes that have stopped
+        self._ends: dict[int, int] = {}  # numbers of steps of scenes that have stopped
 
     def count(self, steps: Steps) -> None:
         """Count the iterations of steps, also of such as are rejected."""
         self._iterations = self._iterations + steps.iterations
-        self._most = np.maximum(self._most, steps.iterations)
 
     def note(self, state: State, steps: Steps) -> None:
         """Record which scenes fail in the next steps; the state is that before them."""
@@ -109,33 +108,27 @@ class Recorder:
 
     def flush(self, state: State) -> None:
         """Keep the added steps; members of scenes that stop here are solved no more."""
-        added = self._last.point
         if self._waiting:
             added = self._joined()
             # a sum is finite only if all terms are
             if not np.isfinite(added.position.sum() + added.momentum.sum()):
                 self._stop_at_infinity(added)
-            keeps_all = self.with_steps or bool(added.is_point.all())
-            kept = added if keeps_all else added.of(np.flatnonzero(added.is_point))
-            for pieces, piece in zip(self._pieces, kept, strict=False):
-                pieces.append(piece)
             if self.with_steps:
                 self._velocity.append(self._velocities())
+            else:
+                # the last point of a run is the last of some steps, or one where a scene stops
+                is_kept = added.is_point.copy()
+                is_kept[[count - 1 for count, _ in self._stops.values()]] = True
+                is_kept[-1] = True
+                added = added.of(np.flatnonzero(is_kept))
+            for pieces, piece in zip(self._pieces, added, strict=True):
+                pieces.append(piece)
         for scene, (count, words) in self._stops.items():
             if scene not in self.failures:
-                self.failures[scene] = words
-                self._ends[scene] = self._end_after(count, added)
+                self.failures[scene], self._ends[scene] = words, self._done + count
                 members = np.arange(state.live.size) // self._engine.width
                 state.live = state.live & (members != scene)
-        self._last = self._end_after(self._count, added)
         self._done, self._count, self._waiting, self._stops = self._done + self._count, 0, [], {}
-
-    def _end_after(self, count: int, added: _Points) -> _End:
-        """The end after some of the waiting steps."""
-        if not count:
-            return self._last
-        points = self._last.points + int(np.count_nonzero(added.is_point[:count]))
-        return _End(self._done + count, points, added.of(slice(count - 1, count)))
 
     def finish(self, state: State, failure: str) -> None:
         """Note that there are no more steps, where `failure` says so since all scenes stop."""
@@ -144,10 +137,10 @@ class Recorder:
                 self._stops.setdefault(scene, (self._count, failure))
         self.flush(state)
         # pieces of a column are freed when they are joined
-        for axis in (0, 1, 1, 0, 0)[: len(self._pieces)]:
+        for axis in (0, 1, 1, 0, 0, 0):
             self._columns.append(_join(self._pieces.pop(0), axis))
         if self.with_steps:
-            scenes, _, d = self._last.point.position.shape
+            scenes, _, d = self._columns[1].shape
             none = np.zeros((scenes, 0, self._engine.tables.points.size, d))
             self._velocity = [_join(self._velocity or [none], 1)]
 
@@ -168,7 +161,7 @@ class Recorder:
         self._reported = int(order[-1])
         x, p = self._engine.to_scene(_join(position, 1), _join(momentum, 1))
         is_point &= order % self._every == 0
-        return _Points(times, x, p, sizes, is_point)
+        return _Points(times, x, p, sizes, self._done + 1 + index, is_point)
 
     def _velocities(self) -> Array:
         """Velocities at the stages of the waiting steps, shape ``(scenes, n, r, d)``."""
@@ -191,23 +184,14 @@ class Recorder:
 
     def points(self, scene: int) -> tuple[Array, Array, Array]:
         """Times, positions and momenta that are kept of a scene, including its last point."""
-        end = self._ends.get(scene, self._last)
-        chosen: slice | Places = slice(end.points)
-        if self.with_steps:
-            is_point = self._columns[4][: end.steps + 1]
-            chosen = slice(is_point.size) if is_point.all() else np.flatnonzero(is_point)
-        time = self._columns[0][chosen]
-        position, momentum = (column[scene][chosen] for column in self._columns[1:3])
-        if not end.point.is_point[0]:
-            time = np.append(time, end.point.time)
-            position = np.concatenate([position, end.point.position[scene]])
-            momentum = np.concatenate([momentum, end.point.momentum[scene]])
-        return time, position, momentum
+        end, (time, position, momentum, _, step, is_point) = self.steps_done(scene), self._columns
+        chosen = (step <= end) & (is_point | (step == end))
+        return time[chosen], position[scene][chosen], momentum[scene][chosen]
 
     def steps(self, scene: int) -> RunSteps:
         """All steps of a scene as polynomials."""
         count = self.steps_done(scene)
-        time, position, momentum, size, _ = self._columns
+        time, position, momentum, size, *_ = self._columns
         return RunSteps(
             tables=self._engine.tables,
             time=time[: count + 1],
@@ -219,12 +203,11 @@ class Recorder:
 
     def steps_done(self, scene: int) -> int:
         """Number of steps that a scene did."""
-        return self._ends.get(scene, self._last).steps
+        return self._ends.get(scene, self._done)
 
-    def newton(self, scene: int) -> NewtonRecord:
-        """Numbers of iterations of a scene."""
-        first = scene * self._engine.width
-        return NewtonRecord(iterations=int(self._iterations[first]), largest=int(self._most[first]))
+    def iterations_of(self, scene: int) -> int:
+        """Iterations of Newton in all steps of a scene, also in rejected ones."""
+        return int(self._iterations[scene * self._engine.width])
 
 
 def _join(pieces: Sequence[Any], axis: int) -> Any:
