@@ -29,7 +29,6 @@ turns an initial position into the force :math:`t^{-\gamma}`, they fall with
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
@@ -39,6 +38,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.loads import StepLoads
 from fvi_cli.integrator.memory.damping import Damping, damping_of
 from fvi_cli.integrator.memory.interface import Kernels
+from fvi_cli.integrator.meshes.mesh import Mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
@@ -54,7 +54,7 @@ class DampingAlong:
     """The damping of q scenes of one kind along their runs of n steps."""
 
     damping: Damping
-    step_sizes: Array  # (n,)
+    mesh: Mesh
     inputs: Array  # of the components that the memory stores, (q, n, i, e)
 
     def forces(self) -> Array:
@@ -90,13 +90,16 @@ class DampingAlong:
         damping, (q, _, i, e) = self.damping, self.inputs.shape
         states, column = damping.start()
         known: dict[tuple[float, int], Kernels] = {}
-        for first, end in pieces_of_equal_steps(self.step_sizes, longest):
-            count, key = end - first, (float(self.step_sizes[first]), end - first)
-            tables = known[key] = known.get(key) or damping.tables(*key)
-            driven = self.inputs[:, first:end].reshape(q, count * i, e)
-            yield tables, driven, states, column
-            states = tables.push(states, driven, count)
-            column = damping.push_column(tables, column, count)
+        done = 0
+        for one in self.mesh.stretches:
+            for first in range(0, one.n_steps, longest):
+                count = min(longest, one.n_steps - first)
+                key = one.step_size, count
+                tables = known[key] = known.get(key) or damping.tables(*key)
+                driven = self.inputs[:, done : done + count].reshape(q, count * i, e)
+                yield tables, driven, states, column
+                states = tables.push(states, driven, count)
+                column, done = damping.push_column(tables, column, count), done + count
         yield None, self.inputs[:, :0], states, column
 
 
@@ -123,19 +126,9 @@ def damping_along(
         inputs = np.stack([step_tables(method).to_inputs @ one.unknowns for one in steps])
     return DampingAlong(
         damping=damping,
-        step_sizes=steps[0].step_size,
+        mesh=mesh,
         inputs=damping.within(inputs),
     )
-
-
-def pieces_of_equal_steps(step_sizes: Array, longest: int = PIECE) -> list[tuple[int, int]]:
-    """Ranges of equal step sizes, none longer than the longest."""
-    ends = [0, *(np.flatnonzero(np.diff(step_sizes)) + 1).tolist(), step_sizes.size]
-    return [
-        (first, min(first + longest, end))
-        for begin, end in itertools.pairwise(ends)
-        for first in range(begin, end, longest)
-    ]
 
 
 def diagnose(scene: Scene, method: Method, steps: RunSteps, loads: StepLoads) -> Diagnostics:

@@ -103,11 +103,6 @@ def integrate(
     ValueError
         For numbers out of range, unknown names, and what the method does not support.
     """
-    if not isinstance(scene, Scene):
-        raise TypeError(
-            f"integrate: scene: {type(scene).__name__} is no scene; write one such as "
-            "fvi.duffing(final_time=10.0); a configuration is computed by fvi.run"
-        )
     names = tuple(coordinates or names_of(scene))
     request = Observations(coordinates=names)
     if not (output is None and quantities is events is impacts is None):
@@ -166,8 +161,11 @@ def integrate_members(
     is_observed = any(not one.is_empty for one in requests)
     if is_observed:
         check_observable(method)
-    for one in each:
-        _check_counts(1 if isinstance(one, Mesh | AdaptiveSteps) else one, every)
+    for name, value in (*(("n_steps", one) for one in each), ("every", every)):
+        if isinstance(value, Mesh | AdaptiveSteps):
+            continue
+        if not isinstance(value, int | np.integer) or value < 1:
+            raise ValueError(f"{name}: {value!r} is not allowed; it must be an integer >= 1")
     kinds: dict[Hashable, list[int]] = {}
     for place, (scene, own, request) in enumerate(zip(scenes, each, requests, strict=True)):
         kind = None
@@ -231,16 +229,6 @@ def _integrated(
         return [integrate_with_impacts(first, method, steps, request, kept)]
     chosen = steps if isinstance(steps, AdaptiveSteps) else mesh_for(first, method, steps)
     return integrate_scenes(scenes, method, chosen, kept)
-
-
-def _check_counts(n_steps: object, every: object) -> None:
-    """Refuse numbers of steps and of points that are no positive integers."""
-    for name, value in (("n_steps", n_steps), ("every", every)):
-        if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
-            others = ", a Mesh or AdaptiveSteps" if name == "n_steps" else ""
-            raise ValueError(
-                f"{name}: {value!r} is not allowed; it must be an integer >= 1{others}"
-            )
 
 
 # batches

@@ -15,7 +15,7 @@ from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps
 from fvi_cli.integrator.meshes.graded import graded_start_mesh, least_step
-from fvi_cli.integrator.meshes.mesh import Mesh, Stretch, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import Mesh, mesh_through, uniform_mesh
 from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
@@ -98,27 +98,18 @@ def halved_mesh(motion: PrescribedMotion, halvings: int) -> Mesh:
     There the force behind the kink before is smooth: errors are divided by some 4 with
     every halving (tests/studies/fits/test_irregular_bench.py).
     """
-    breaks = motion.break_points
-    stretches: list[Stretch] = []
+    breaks, times, sizes = motion.break_points, [np.zeros(1)], []
     for whole in uniform_mesh(motion.final_time, max(FEWEST, len(breaks) + 1), breaks).stretches:
-        begin, size = whole.begin, whole.step_size
-        count = halvings if begin else HALVINGS_AT_START
-        while count and 2.0**-count * size < least_step(begin):
+        count = halvings if whole.begin else HALVINGS_AT_START
+        while count and 2.0**-count * whole.step_size < least_step(whole.begin):
             count -= 1
         # the first two are equally long
-        parts = [0.5**count, *(0.5**k for k in range(count, 0, -1))] if count else [1.0]
-        ends = begin + size * np.cumsum(parts)
-        if whole.n_steps == 1:
-            ends[-1] = whole.end
-        for part, end in zip(parts, ends.tolist(), strict=True):
-            is_fresh = begin == whole.begin
-            stretches.append(
-                Stretch(begin=begin, end=end, n_steps=1, step_size=part * size, is_fresh=is_fresh)
-            )
-            begin = end
-        if whole.n_steps > 1:
-            stretches.append(replace(whole, begin=begin, n_steps=whole.n_steps - 1, is_fresh=False))
-    return Mesh(stretches=tuple(stretches))
+        parts = 0.5 ** np.array([count, *range(count, 0, -1)], dtype=float)
+        sizes.append(whole.step_size * np.append(parts, np.ones(whole.n_steps - 1)))
+        times.append(whole.begin + np.cumsum(sizes[-1]))
+        times[-1][-1] = whole.end
+    every = np.concatenate(sizes)
+    return mesh_through(np.concatenate(times), every, np.arange(1, every.size), breaks)
 
 
 def _unresolved(steps: RunSteps) -> float:

@@ -16,6 +16,7 @@ drives the position with :math:`t^{e + 4 - \gamma}`.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -68,7 +69,9 @@ def graded_start_mesh(
         if power is None or size < 2 * least_step(part.begin):
             stretches.append(part)
             continue
-        window = _window_of(part.n_steps, equal.n_steps)
+        least = min(equal.n_steps // WINDOW_SHARE, WINDOW_LEAST)
+        window = max(part.n_steps // WINDOW_SHARE, least)
+        window = max(1, min(window, part.n_steps, WINDOW_MOST))
         stretches += _graded_window(part.begin, size, window, 2 * stages, power)
         last, rest = stretches[-1], part.n_steps - window
         if rest:
@@ -76,12 +79,6 @@ def graded_start_mesh(
         else:
             stretches[-1] = replace(last, end=part.end)
     return Mesh(stretches=tuple(stretches))
-
-
-def _window_of(count: int, n_steps: int) -> int:
-    """Number of graded steps in a part of `count` steps of a run of `n_steps`."""
-    least = min(n_steps // WINDOW_SHARE, WINDOW_LEAST)
-    return max(1, min(max(count // WINDOW_SHARE, least), count, WINDOW_MOST))
 
 
 def least_step(begin: float) -> float:
@@ -101,38 +98,32 @@ def _graded_window(
         levels.append(max(1, math.ceil(window * share ** len(levels) - 1e-9)))
     finest = size * 0.5 ** len(levels)
     lengths = [one for one in _towards_zero(order, power) if one == 1 or finest * one >= least]
-    stretches: list[Stretch] = []
-    done, before = begin, 0.0
-    for length in reversed(lengths):
-        end = begin + finest * length
-        stretches.append(
-            Stretch(
-                begin=done,
-                end=end,
-                n_steps=1,
-                step_size=finest * (length - before),
-                reported_every=0,
-                is_fresh=not stretches,
-            )
+    stretches = [
+        Stretch(
+            begin=begin + finest * low,
+            end=begin + finest * high,
+            n_steps=1,
+            step_size=finest * (high - low),
+            reported_every=0,
+            is_fresh=low == 0.0,
         )
-        done, before = end, length
+        for low, high in itertools.pairwise([0.0, *reversed(lengths)])
+    ]
     # the finest level fills the remainder of the one above it; its first step is cut already
     passed = 1
     for depth in range(len(levels), 0, -1):
         step, count = size * 0.5**depth, 2 * levels[depth - 1]
         if count > passed:
-            end = begin + count * step
             stretches.append(
                 Stretch(
-                    begin=done,
-                    end=end,
+                    begin=stretches[-1].end,
+                    end=begin + count * step,
                     n_steps=count - passed,
                     step_size=step,
                     reported_every=2**depth,
                     passed=passed,
                 )
             )
-            done = end
         passed = levels[depth - 1]
     return stretches
 

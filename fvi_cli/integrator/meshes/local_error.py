@@ -70,8 +70,8 @@ class LocalError:
                     moved[0] = 0.0
                 error = max(error, BETWEEN_SHARE * path.size * float(moved.max()))
                 if self._looks is not None and error <= tolerance:
-                    impulses = self._looks.missed(path, force[1::2])
-                    velocity = np.abs(self._forces.accelerations(path, impulses)).sum(axis=0).max()
+                    impulse = self._looks.missed(path, force[1::2])
+                    velocity = np.abs(self._forces.accelerations(path, impulse[None])).max()
                     missed = float(velocity) * (self._end - path.begin)
                     error = max(error, missed * (tolerance / min(tolerance, self._may_miss)))
         return error if math.isfinite(error) else math.inf

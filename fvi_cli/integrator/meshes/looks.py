@@ -102,15 +102,11 @@ class Looks:
         self._is_nonlinear = not scene.is_linear
 
     def missed(self, path: StepPath, at_stages: Array) -> Array:
-        """Impulses that a step misses, ``(k, d)``, with the forces at its stages ``(m, d)``."""
-        found = list(self._in_time(path))
-        if self._is_nonlinear:
-            found += list(np.diag(self._along(path, at_stages)))
-        return np.array([one for one in found if one.any()]).reshape(-1, path.position.size)
-
-    def _in_time(self, path: StepPath) -> Iterator[Array]:
-        """Impulses of each formula of the time, ``(d,)``."""
+        """The impulse that a step misses, ``(d,)``, with the forces at its stages ``(m, d)``."""
         h, t, spacing = path.size, path.begin, self._end / SAMPLES
+        impulse = np.zeros(path.position.size)
+        if self._is_nonlinear:
+            impulse += self._along(path, at_stages)
         for one in self._sampled:
             low, high = np.searchsorted(one.times, (t, t + h))
             at, usual = np.arange(low, high), slice(None)
@@ -120,12 +116,13 @@ class Looks:
                 usual = at % EVERY == 0
             if not at[usual].size:
                 continue
-            seen = np.broadcast_to(
-                one.formula.evaluate({"t": t + h * self._stages}), self._stages.shape
+            seen = one.formula.evaluate({"t": t + h * self._stages})
+            told = np.broadcast_to(seen, self._stages.shape) @ self._basis.values(
+                (one.times[at] - t) / h
             )
-            told = seen @ self._basis.values((one.times[at] - t) / h)
             off = np.abs(one.values[at] - told)
-            yield spacing * _far_off(off, np.median(off[usual])) * np.abs(one.weights)
+            impulse += spacing * _far_off(off, np.median(off[usual])) * np.abs(one.weights)
+        return impulse
 
     def _along(self, path: StepPath, at_stages: Array) -> Array:
         """Impulses of forces of the motion, along its own path, ``(d,)``."""

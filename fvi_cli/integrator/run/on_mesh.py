@@ -93,8 +93,6 @@ def integrate_scenes(
     ValueError
         For a mesh that does not end at T or has a break point of the forcing inside of a step,
         and a method that has no variable steps.
-    MemoryError
-        If there is no room for the points that are kept.
     """
     began, first = clock.perf_counter(), scenes[0]
     if isinstance(steps, Mesh):
@@ -102,8 +100,6 @@ def integrate_scenes(
             words = f"it ends at {steps.final_time:g}, the run at {first.final_time:g}"
             raise ValueError(f"mesh: {words}")
         steps.check_breaks(first.break_points)
-        # a run without memory for its points fails here: later, a library may end the process
-        np.empty((steps.n_reported // kept.every + 1, len(scenes), 2 * first.dimension + 2))
     engine = engine or engine_for(scenes, method, steps)
     source: Source
     if isinstance(steps, AdaptiveSteps):
@@ -139,8 +135,14 @@ def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> lis
             momentum = steps.momentum[np.searchsorted(steps.time, time)]
         energy, end, failure = _energies(scene, time, position, momentum)
         failure = failure or recorder.failures.get(index, "")
+        n_steps = source.n_steps
         if steps is not None and end < time.size:
-            steps = steps.first(int(np.searchsorted(steps.time, time[end - 1])))
+            # a search by time fails where ends of the shortest steps are equal to the last bit
+            is_whole = steps.time.size == time.size
+            steps = steps.first(
+                end - 1 if is_whole else int(np.searchsorted(steps.time, time[end - 1]))
+            )
+            n_steps = steps.n_steps if is_whole else n_steps
         time, position, momentum = time[:end], position[:end], momentum[:end]
         works = None
         if steps is not None and kept.diagnostics and steps.n_steps:
@@ -154,8 +156,8 @@ def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> lis
                 position=position,
                 momentum=momentum,
                 energy=energy,
-                n_steps=source.n_steps,
-                step_size=scene.final_time / max(source.n_steps, 1),
+                n_steps=n_steps,
+                step_size=scene.final_time / max(n_steps, 1),
                 status="failed" if failure else "ok",
                 message=failure,
                 history_operations=0 if damping is None else done * damping.operations_per_step,
@@ -183,6 +185,9 @@ def _energies(
     at = int(wrong[0])
     near = ", ".join(f"{value:.4g}" for value in position[at])
     words = f"t = {float(time[at]):.6g}: the energy is not finite near q = [{near}]"
+    # where no velocity is found from the momentum at the start, the start is kept
+    if at == 0 and scene.lagrangian is not None:
+        energy[0] = scene.lagrangian.energy(scene.initial_position, scene.initial_velocity, 0.0)
     return energy[: max(at, 1)], max(at, 1), words
 
 

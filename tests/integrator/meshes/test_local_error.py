@@ -102,7 +102,7 @@ def test_what_a_pulse_moves_is_met_and_not_without_the_looks(monkeypatch):
     assert np.abs(right).max() > 2e-4
     assert found.met
     assert np.abs(found(times) - right).max() <= tolerance
-    monkeypatch.setattr(looks.Looks, "missed", lambda *arguments: np.zeros((0, 1)))
+    monkeypatch.setattr(looks.Looks, "missed", lambda *arguments: np.zeros(1))
     blind = fvi.solve(scene, tolerance=tolerance)
     assert blind.met
     assert np.abs(blind.position).max() < 0.01 * 2e-4
