@@ -216,11 +216,14 @@ def _integrated(
         return [run.thinned(kept.every)]
     if reason := law_objection(first, method):
         raise ValueError(f"method: {reason}")
+    if kept.with_steps and (isinstance(method, Baseline) or not method.is_runge_kutta):
+        words = f"{method.label} has no polynomials to keep; take rk: gauss, such as gauss3"
+        raise ValueError(f"with_steps: {words}")
     if isinstance(method, Baseline):
-        if isinstance(steps, Mesh | AdaptiveSteps) or kept.diagnostics or kept.with_steps:
+        if isinstance(steps, Mesh | AdaptiveSteps) or kept.diagnostics:
             raise ValueError(
-                f"method: {method.label} has points on equal steps only, without polynomials and "
-                "works; give a number, or take rk: gauss"
+                f"method: {method.label} has points on equal steps only, without works; give a "
+                "number, or take rk: gauss"
             )
         return [integrate_baseline(first, method, steps).thinned(kept.every)]
     if request.impacts:

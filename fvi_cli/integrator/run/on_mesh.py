@@ -22,7 +22,6 @@ from fvi_cli.integrator.run.loop import MeshSource, Source, march
 from fvi_cli.integrator.run.recorder import Kept, Recorder
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
-from fvi_cli.mathematics.threads import in_one_thread
 
 AnySteps = int | Mesh | AdaptiveSteps
 
@@ -44,8 +43,6 @@ def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
 
 def engine_for(scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSteps) -> Engine:
     """The engine of scenes for the steps of a mesh, or for adaptive steps.
-
-    For adaptive steps the engine does not depend on their tolerance.
 
     Raises
     ------
@@ -75,18 +72,10 @@ def engine_for(scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSt
     )
 
 
-@in_one_thread
 def integrate_scenes(
-    scenes: Sequence[Scene],
-    method: Method,
-    steps: Mesh | AdaptiveSteps,
-    kept: Kept,
-    *,
-    engine: Engine | None = None,
+    scenes: Sequence[Scene], method: Method, steps: Mesh | AdaptiveSteps, kept: Kept
 ) -> list[Trajectory]:
     """Integrate scenes of one kind over [0, T], all at once; one by adaptive steps.
-
-    Adaptive runs may share `engine`.
 
     Raises
     ------
@@ -100,7 +89,7 @@ def integrate_scenes(
             words = f"it ends at {steps.final_time:g}, the run at {first.final_time:g}"
             raise ValueError(f"mesh: {words}")
         steps.check_breaks(first.break_points)
-    engine = engine or engine_for(scenes, method, steps)
+    engine = engine_for(scenes, method, steps)
     source: Source
     if isinstance(steps, AdaptiveSteps):
         source = AdaptiveSource(first, method, steps)
