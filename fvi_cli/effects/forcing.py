@@ -162,11 +162,6 @@ class Forcing:
         return tuple(one for piece in self.pieces for one in piece.components)
 
     @property
-    def has_functions(self) -> bool:
-        """Whether one is a Python function, which has no formula to examine."""
-        return any(isinstance(one, FunctionForce) for one in self.components)
-
-    @property
     def samples(self) -> tuple[SampledForce, ...]:
         """Its components that are given by samples."""
         return tuple(one for one in self.components if isinstance(one, SampledForce))

@@ -96,6 +96,8 @@ def make_scene(
     **data: Unpack[SceneData],
 ) -> Scene:
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
+    if unknown := data.keys() - SceneData.__annotations__.keys():
+        raise TypeError(f"a scene has no argument {min(unknown)!r}")
     inertia = Inertia(mass=mass)
     given: dict[str, Any] = {**data, "forcing": given_force(data.get("forcing"))}
     for name in ("initial_position", "initial_velocity"):

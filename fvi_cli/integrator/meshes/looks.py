@@ -17,6 +17,7 @@ import numpy as np
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.potential import ExpressionPotential
+from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.meshes.forces import Places, StepForces, StepPath
 from fvi_cli.integrator.tables import StepTables
@@ -153,7 +154,8 @@ def formulas_of(scene: Scene) -> Iterator[FormulaSystem]:
 
 def has_kinks(scene: Scene) -> bool:
     """Whether forces call functions with kinks, or are Python functions, which may have some."""
-    is_unknown = scene.forcing is not None and scene.forcing.has_functions
+    forces = () if scene.forcing is None else scene.forcing.components
+    is_unknown = any(isinstance(one, FunctionForce) for one in forces)
     return is_unknown or any(one.called & set(KINKED) for one in formulas_of(scene))
 
 

@@ -41,7 +41,6 @@ from fvi_cli.scenes.keys.values import (
 )
 from fvi_cli.scenes.kinds.laws import (
     Term,
-    between_parts,
     check_names_of_dampers,
     effects_of,
     on_coordinates,
@@ -196,7 +195,8 @@ class SceneKind(Kind):
         found = {name: one for name, one in self if name not in shared}
         if name := self.dampers_key:
             before = len(self.damping)
-            found[name] = effects_of(found[name], between_parts, name, before=before)
+            on = on_coordinates(self.coordinate_names(), between=True)
+            found[name] = effects_of(found[name], on, name, before=before)
         return found
 
     def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:

@@ -163,33 +163,29 @@ Place = Callable[[AnyTerm, Any], Coefficient]
 """From a term and a factor of it to the coefficient for all coordinates."""
 
 
-def on_coordinates(names: Sequence[str], *, sparse: bool = False) -> Place:
-    """Where terms under ``damping`` act: on all coordinates, or on some combinations of them."""
+def on_coordinates(names: Sequence[str], *, sparse: bool = False, between: bool = False) -> Place:
+    """Where terms act: on all coordinates, or on some combinations of them.
+
+    Numbers of terms `between` the parts of a scene stay numbers: the scene knows where they act.
+    """
 
     def on(term: AnyTerm, factor: object) -> Coefficient:
-        if term.storey is not None:
-            message = "not a key here: it is one of dampers between parts"
+        is_number = between and term.acts_on is None and isinstance(factor, float)
+        if term.storey is not None and not is_number:
+            message = "not a key here: it is one of dampers between parts, with a number"
             raise ArgumentError("storey", message, at_key=True)
-        if term.acts_on is None:
-            matrix = matrix_of(factor, len(names), sparse=sparse)
-            if matrix.shape[0] != len(names):
-                words = f"is for {matrix.shape[0]} coordinates, but there are {len(names)}"
-                raise ArgumentError("coefficient", words)
-            return matrix
-        rows = read_directions(term.acts_on, names)
-        return Factored(rows=rows, inner=dense(matrix_of(factor, len(rows))))
+        if term.acts_on is not None:
+            rows = read_directions(term.acts_on, names)
+            return Factored(rows=rows, inner=dense(matrix_of(factor, len(rows))))
+        if isinstance(factor, float) and between:
+            return factor
+        matrix = matrix_of(factor, len(names), sparse=sparse)
+        if matrix.shape[0] != len(names):
+            words = f"is for {matrix.shape[0]} coordinates, but there are {len(names)}"
+            raise ArgumentError("coefficient", words)
+        return matrix
 
     return on
-
-
-def between_parts(term: AnyTerm, factor: object) -> Coefficient:
-    """The coefficient of a damper between parts, a number: the scene knows where it acts."""
-    if term.acts_on is not None:
-        message = "not a key here: write storey, or give the term under damping"
-        raise ArgumentError("acts_on", message, at_key=True)
-    if not isinstance(factor, float):
-        raise ArgumentError("coefficient", "a damper between parts has a number")
-    return factor
 
 
 def effects_of(
