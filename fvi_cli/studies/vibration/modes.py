@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numpy.linalg import eigvalsh
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.matrices import as_csc, dense, negative_pivots
@@ -36,11 +35,6 @@ SLOWEST: Final = 1e-4
 """Slower motions, relative to the slowest of the first modes, are not counted."""
 RIGID: Final = 1e-6
 """Frequencies below this share of the largest one are round-off of a singular stiffness."""
-EDGES: Final = (0.5, 0.37, 0.66)
-"""Places of the contour between the last requested mode and the next one: the next place where a
-mode lies on the contour."""
-TILT: Final = 1e-6
-"""Share of the damping that tells the shapes of a repeated frequency apart."""
 SAME: Final = 1e-5
 """Modes whose frequencies and shapes differ by less than this, relative, are one mode."""
 CONVERGED: Final = 1e-15
@@ -136,12 +130,10 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
     found: list[Mode] = []
     for rate, vector in zip(rates.tolist(), vectors.T.astype(complex), strict=True):
         _add(found, refine(stiffness, 1j * rate, vector))
-    for edge in EDGES:
-        region = _region_around(stiffness, centre, count, rates, found, edge)
-        counted = count_modes(stiffness, region, found)
-        if counted is not None:
-            _find_missing(stiffness, region, rates, found, counted)
-            break
+    region = _region_around(stiffness, centre, count, rates, found)
+    counted = count_modes(stiffness, region, found)
+    if counted is not None:
+        _find_missing(stiffness, region, found, counted)
     found = [mode for mode in found if region.holds(mode.frequency)]
     if not found:
         words = f"no mode with a damping ratio below {LARGEST_RATIO}"
@@ -159,18 +151,13 @@ def find_modes(scene: Scene, count: int, *, near: float | None = None) -> ModeTa
 def undamped_modes(stiffness: DynamicStiffness, centre: float, wanted: int) -> tuple[Array, Array]:
     """Frequencies (1/time) and shapes ``(d, n)`` of modes without damping, nearest to a frequency.
 
-    The stiffness is the real part of that at the frequency `centre`. A small share of the
-    damping is added, lest the shapes of a repeated frequency are any ones.
+    The stiffness is the real part of that at the frequency `centre`.
     """
     mass, d = stiffness.forms[0], stiffness.dimension
     factors = stiffness.symbols(1j * max(centre, 1e-30)).real
     factors[0] = 0.0
-    size = float(np.abs(factors) @ stiffness.norms)
-    usual = math.sqrt(size / stiffness.norms[0])
-    damping = stiffness.symbols(1j * max(centre, usual, 1e-30)).imag
-    damping[0] = 0.0
-    lost = float(np.abs(damping) @ stiffness.norms)
-    matrix = stiffness.combined(factors + (TILT * size / lost * damping if lost else 0.0))
+    matrix = stiffness.combined(factors)
+    usual = math.sqrt(float(np.abs(factors) @ stiffness.norms) / stiffness.norms[0])
     if not stiffness.is_sparse or d <= 4 * wanted:
         from scipy.linalg import eigh
 
@@ -250,30 +237,28 @@ def _region_around(
     count: int,
     rates: Array,
     found: Sequence[Mode],
-    edge: float,
 ) -> Region:
-    """A region around the requested modes, whose arcs lie between modes at the share `edge`."""
+    """A region around the requested modes, whose arcs lie half-way between modes."""
     sizes = np.array([abs(mode.frequency) for mode in found])
     away = np.sort(np.abs(sizes - centre))
     last = away[:count].max(initial=0.0)
     beyond = away[away > last * (1.0 + SAME)]
     if beyond.size and away.size > count:
-        reach = (1.0 - edge) * last + edge * beyond[0]
+        reach = 0.5 * (last + beyond[0])
         largest = centre + float(reach)
     elif stiffness.is_small:
-        reach, largest = math.inf, (1.0 + edge) * upper_bound(stiffness)
+        reach, largest = math.inf, 1.5 * upper_bound(stiffness)
     else:
-        largest = (1.0 + 0.1 * edge) * max(*sizes, *rates)
+        largest = 1.05 * max(*sizes, *rates)
         reach = largest - centre
     # rigid motions, whose s is round-off, are none of the first modes
     first = [size for size in (*sizes, *rates) if size > RIGID * rates.max(initial=0.0)]
-    slowest = SLOWEST * (1.0 + edge) * min(first, default=largest)
-    ratio = LARGEST_RATIO - 1e-3 * (edge - EDGES[0])
+    slowest = SLOWEST * min(first, default=largest)
     return Region(
         least=max(slowest, centre - float(reach)),
         largest=largest,
-        first=LEAST_ANGLE if stiffness.scene.is_dissipative else math.acos(ratio),
-        last=math.pi - math.acos(ratio),
+        first=LEAST_ANGLE if stiffness.scene.is_dissipative else math.acos(LARGEST_RATIO),
+        last=math.pi - math.acos(LARGEST_RATIO),
     )
 
 
@@ -307,10 +292,9 @@ def count_modes(
 ) -> int | None:
     """Number of modes in a region, with their multiplicity; None: one lies on its edge."""
     # modes far below the region turn the argument evenly along it, as zeros at 0 do
-    real = stiffness.combined(stiffness.symbols(1j * region.least).real)
-    below = negative_pivots(real) if stiffness.is_sparse else int((eigvalsh(real) < 0).sum())
-    if below >= stiffness.dimension:
-        return None
+    below = 0
+    if stiffness.is_sparse:
+        below = negative_pivots(stiffness.combined(stiffness.symbols(1j * region.least).real))
     corners, turns = region.corners, 0.0
     for begin, end in zip(corners[:-1].tolist(), corners[1:].tolist(), strict=True):
 
@@ -337,18 +321,16 @@ def _log_rest(
 
 
 def _find_missing(
-    stiffness: DynamicStiffness, region: Region, rates: Array, found: list[Mode], counted: int
+    stiffness: DynamicStiffness, region: Region, found: list[Mode], counted: int
 ) -> None:
     """Add modes of a region to those that are found, until they are as many as are counted."""
     random = np.random.default_rng(5)
     for _ in range(TRIES):
         if sum(region.holds(mode.frequency) for mode in found) >= counted:
             return
-        # starts anywhere in the region or around the frequencies without damping, more of them
-        # where the damping is light, with the sign of decay or of growth
+        # starts anywhere in the region, more of them where the damping is light, with the sign of
+        # decay or of growth
         size = random.uniform(*np.log([region.least, region.largest]))
-        if rates.size and random.random() < 0.5:
-            size = math.log(random.choice(rates)) + 2.0 * random.standard_normal()
         around = random.uniform(-1.0, 1.0)
         side = region.first if around < 0 and region.first < LEAST_ANGLE else region.last
         z = size + 1j * (0.5 * math.pi + (side - 0.5 * math.pi) * abs(around) ** 2)
