@@ -1,10 +1,10 @@
-"""Runs with their errors: computes and measures the runs that an experiment lists."""
+"""Runs with their errors, computed and measured."""
 
 from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -17,25 +17,13 @@ from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
+from fvi_cli.studies.experiment import FinishedRun, Observed, Run
 from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights, unit_of
 from fvi_cli.studies.reference import WITHOUT_END, Reference, reference_of
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
 
 DIVERGED_RATIO = 10.0
 EPSILON = float(np.finfo(float).eps)
-
-
-def study(
-    experiment: Experiment, finished: Callable[[Run], FinishedRun | None] = lambda run: None
-) -> Iterator[FinishedRun]:
-    """Every run of `experiment`, method by method, steps increasing.
-
-    `finished` may return a stored run, which is then not computed. With a tolerance the only run
-    is the result of the search.
-    """
-    for run in experiment.runs():
-        yield finished(run) or execute(run)
 
 
 def execute(run: Run, reference: Reference | None = None) -> FinishedRun:

@@ -8,7 +8,7 @@ from stored_runs import stored
 from fvi_cli.config import parse_config
 from fvi_cli.plotting.kinds.motions import balance_figure
 from fvi_cli.storage.identity import identity_of
-from fvi_cli.studies.study import study
+from fvi_cli.studies.study import execute
 
 KEPLER = configuration(
     "kind: kepler, initial: {position: [1, 0], velocity: [0, 0.8]}, final_time: 4.0",
@@ -46,7 +46,7 @@ def test_works_beside_output_impacts_and_events(tmp_path, more):
         f"store: {{diagnostics: [energy-balance]}}\nfigures: [balance]\n{more}"
     )
     experiment = parse_config(text, "planet.yaml").experiments[0]
-    computed = list(study(experiment))
+    computed = list(map(execute, experiment.runs()))
     read = stored(tmp_path / "planet.h5", computed).read([one.run for one in computed])
     found = [read[one.run] for one in computed]
     for one, other in zip(computed, found, strict=True):

@@ -12,7 +12,7 @@ import fvi_cli as fvi
 from fvi_cli.config import parse_config
 from fvi_cli.studies.order import order_table
 from fvi_cli.studies.reference import find_reference
-from fvi_cli.studies.study import study
+from fvi_cli.studies.study import execute
 
 Array = NDArray[np.float64]
 SEED = int(os.environ.get("FVI_TEST_SEED", "1"))
@@ -48,7 +48,7 @@ def test_the_order_is_right_where_jumps_meet_no_steps(seed):
         final_time=final_time,
     )
     (experiment,) = parse_config(text, "jumps.yaml").experiments
-    runs = list(study(experiment))
+    runs = list(map(execute, experiment.runs()))
     (case,) = order_table(experiment, runs).cases
     assert all(row.status in ("ok", "floor") for row in case.rows)
     # where the jumps lie in their steps moves single errors
@@ -103,5 +103,5 @@ ladder: {{steps: [50, 100, 200, 400]}}
     error = np.abs(reference.values(times)[:, 0] - between_two_wells(a, b, x, v, times)).max()
     assert error <= max(10.0 * reference.error, 1e-12)
     assert reference.error < 1e-5
-    (case,) = order_table(experiment, list(study(experiment))).cases
+    (case,) = order_table(experiment, list(map(execute, experiment.runs()))).cases
     assert all(row.status in ("ok", "floor") for row in case.rows)

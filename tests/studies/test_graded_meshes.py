@@ -14,7 +14,7 @@ from fvi_cli.scenes.registry import build_problem
 from fvi_cli.storage.identity import identity_of
 from fvi_cli.studies import reference
 from fvi_cli.studies.order import fit_slope
-from fvi_cli.studies.study import study
+from fvi_cli.studies.study import execute
 
 
 def free(order: float, **changes: Any) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def test_a_graded_mesh_multiplies_the_order_of_a_singular_start(
 ):
     ladder = {"steps": steps, "grading": grading}
     own = experiment(ladder, free(order), rk="gauss", degree=degree, start="none")
-    runs = list(study(own))
+    runs = list(map(execute, own.runs()))
     numbers, errors = zip(*((one.run.n_steps, one.error) for one in runs), strict=True)
     slope = fit_slope(numbers, errors)
     squares = np.polyfit(np.log10(numbers), np.log10(errors), 1, full=True)[1]
@@ -89,7 +89,7 @@ PULSE = {
 
 def test_break_points_are_points_of_a_graded_mesh():
     own = experiment({"steps": [16, 32, 64], "grading": 2.5}, PULSE, rk="gauss", degree=2)
-    runs = list(study(own))
+    runs = list(map(execute, own.runs()))
     for one in runs:
         assert 1.0 in one.trajectory.time
         assert one.trajectory.time.size == one.run.n_steps + 1
