@@ -78,7 +78,7 @@ def push_off(
     mass = scene.derivatives(position, velocity, np.array(time)).mass
     normals = {name: one.slopes(position, time)[0] for name, one in surfaces.items()}
     moves = {name: np.linalg.solve(mass, normal) for name, normal in normals.items()}
-    weights = {name: float(normal @ moves[name]) for name, normal in normals.items()}
+    weights = {name: normal @ moves[name] for name, normal in normals.items()}
     total, pushing, fastest = np.zeros_like(velocity), set[str](), 0.0
     for _ in range(MOST_PUSHES):
         speeds = {name: one.speed(position, velocity, time) for name, one in surfaces.items()}
