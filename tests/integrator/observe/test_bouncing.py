@@ -302,3 +302,11 @@ def test_a_frictionless_wall_turns_the_normal_velocity_only():
     assert run.momentum is not None
     along = run.momentum @ [1.0, -1.0]
     assert along == pytest.approx(np.full(run.time.size, along[0]))
+
+
+def test_a_surface_may_have_kinks_where_it_is_not_met_and_needs_a_normal_where_it_is():
+    ball = spring(T=4.0, m=1.0, k=0.0, x=0.0, v=2.0)
+    both = fvi.integrate(ball, "gauss3", 16, impacts={"walls": {"when": "1 - abs(x)"}})
+    assert both.observed.events["walls"].time == pytest.approx([0.5, 1.5, 2.5, 3.5])
+    none = fvi.integrate(ball, "gauss3", 16, impacts={"clock": {"when": "1 - t"}})
+    assert none.status == "failed"
