@@ -45,8 +45,9 @@ def read_csv_samples(
     table, lines = read_csv_columns(path, name, (time_column, column), decimal=decimal)
     time, values = table.T
     for k in np.flatnonzero(np.diff(time) <= 0).tolist():
-        words = f"{time_column} = {time[k + 1]:g} is not after {time[k]:g} in line {lines[k]}"
-        raise DataFileError(f"{name}:{lines[k + 1]}: {words}; times must increase")
+        how = "is the time of" if time[k + 1] == time[k] else f"is before the {time[k]:g} of"
+        words = f"{time_column} = {time[k + 1]:g} {how} line {lines[k]}; times must increase"
+        raise DataFileError(f"{name}:{lines[k + 1]}: {words}")
     return CsvSamples(time, values, lines)
 
 

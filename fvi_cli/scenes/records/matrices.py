@@ -6,6 +6,7 @@ import functools
 import io
 import re
 import warnings
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Final, cast
@@ -33,7 +34,8 @@ from fvi_cli.scenes.records.inputs import (
 )
 
 LARGEST_FILE: Final = 400_000_000
-"""Most bytes of a file of a matrix."""
+"""Most bytes of a file of a matrix, and of what it unpacks to."""
+MOST_ROWS: Final = 300_000
 _DIGITS: Final = b"0123456789+-.eEdD \t\r\n"
 _SUFFIXES: Final = (".mtx", ".npy", ".npz", ".mat", ".csv", ".txt")
 
@@ -71,6 +73,8 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> Form:
         raise DataFileError(f"{name}: not a readable {suffix} file: {reason}") from None
     if value.dtype.kind not in "iuf":
         raise DataFileError(f"{name}: its entries are {value.dtype}; they must be real numbers")
+    if max(value.shape, default=0) > MOST_ROWS:
+        raise DataFileError(f"{name}: a matrix may have {MOST_ROWS} rows; it is {value.shape}")
     # entries that are not finite, or too large for a double, are refused below
     with np.errstate(all="ignore"):
         try:
@@ -81,7 +85,7 @@ def read_matrix(path: Path, name: str, variable: str | None = None) -> Form:
 
 def _binary(suffix: str, content: bytes, name: str, variable: str | None) -> Any:
     """What the library of a format reads."""
-    from scipy.io import loadmat, mmread, whosmat
+    from scipy.io import loadmat, mminfo, mmread, whosmat
     from scipy.sparse import load_npz
 
     file: Any = io.BytesIO(content)
@@ -89,8 +93,14 @@ def _binary(suffix: str, content: bytes, name: str, variable: str | None) -> Any
         return np.load(file, allow_pickle=False)
     if suffix == ".mtx":
         _check_digits(content, name)
-        return mmread(file, spmatrix=False)
+        # an entry takes a digit and a line break, at least
+        if 2 * mminfo(file)[2] > len(content) + 2:
+            raise ValueError("more entries are declared than there are")
+        return mmread(io.BytesIO(content), spmatrix=False)
     if suffix == ".npz":
+        with zipfile.ZipFile(file) as archive:
+            if sum(one.file_size for one in archive.infolist()) > LARGEST_FILE:
+                raise ValueError(f"it unpacks to more than {LARGEST_FILE} bytes")
         with np.load(file, allow_pickle=False) as found:
             if variable is None and {"format", "shape", "data"} <= set(found.files):
                 return load_npz(io.BytesIO(content))
