@@ -17,22 +17,11 @@ from hard_cases.judge import (
 )
 
 CASES = {case["name"]: case for case in cases()}
-LONG = ("million-steps", "resonance", "tiny-and-huge-scales")
 GAUSS3 = METHODS[FLAGSHIP]
 
 
-@spread(few=3, name=[name for name in CASES if name not in LONG])
-def test_much_holds_with_gauss3(name):
-    check_everything_holds(name)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", LONG)
-def test_longer_cases_hold_with_gauss3(name):
-    check_everything_holds(name)
-
-
-def check_everything_holds(name):
+@spread(few=3, name=list(CASES))
+def test_everything_holds_with_gauss3(name):
     for claim in CASES[name]["claims"]:
         measured, status, is_unstable = claim.measure(GAUSS3)
         assert (status, is_unstable) == ("ok", False), claim.quantity

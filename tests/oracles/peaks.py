@@ -1,12 +1,18 @@
-"""Peaks of a sum of oscillators in many digits: every pole is walked around in small steps."""
+"""Peaks of a sum of oscillators: every pole is walked around in small steps."""
 
+from __future__ import annotations
+
+import cmath
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import mpmath
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import brentq, minimize_scalar
+from scipy.signal import argrelmax
 
-DIGITS = 30
+Array = NDArray[np.float64]
 STEP = 0.1
 """Between two points, in asinh of the distance from a pole in its widths."""
 
@@ -20,15 +26,12 @@ class Oscillator:
     order: float
     gain: float
 
-    def pole(self) -> mpmath.mpc:
+    def pole(self) -> complex:
         """The zero s of the denominator, by Newton's iteration from the undamped one."""
-        s = mpmath.mpc(0, mpmath.sqrt(self.stiffness))
+        s = 1j * cmath.sqrt(self.stiffness)
         for _ in range(60):
-            value = s**2 + self.coefficient * s**self.order + self.stiffness
-            change = value / (2 * s + self.coefficient * self.order * s ** (self.order - 1))
-            s -= change
-            if abs(change) < abs(s) * mpmath.mpf(10) ** (-DIGITS + 8):
-                break
+            power = self.coefficient * s**self.order
+            s -= (s**2 + power + self.stiffness) / (2 * s + power * self.order / s)
         return s
 
 
@@ -45,83 +48,49 @@ class OutsidePeak:
 
 def peaks(oscillators: Sequence[Oscillator], low: float, high: float) -> list[OutsidePeak]:
     """Maxima of |sum| between two frequencies."""
-    with mpmath.workdps(DIGITS):
 
-        def size(hertz: mpmath.mpf) -> mpmath.mpf:
-            s = mpmath.mpc(0, 2 * mpmath.pi * hertz)
-            return abs(
-                sum(
-                    one.gain / (one.stiffness + s**2 + one.coefficient * s**one.order)
-                    for one in oscillators
-                )
-            )
+    def size(hertz: Array | float) -> Array:
+        s = 2j * np.pi * np.asarray(hertz, dtype=float)
+        parts = (o.gain / (o.stiffness + s**2 + o.coefficient * s**o.order) for o in oscillators)
+        return np.abs(sum(parts))
 
-        points = {mpmath.mpf(low), mpmath.mpf(high)}
-        for one in oscillators:
-            pole = one.pole()
-            centre, width = pole.imag / (2 * mpmath.pi), abs(pole.real) / (2 * mpmath.pi)
-            reach = math.asinh(float((high - low) / width)) + 1
-            for k in range(-int(reach / STEP), int(reach / STEP) + 1):
-                place = centre + width * mpmath.sinh(STEP * k)
-                if low < place < high:
-                    points.add(place)
-        grid = sorted(points)
-        sizes = [size(one) for one in grid]
-        found = []
-        tops = [
-            k
-            for k in range(1, len(grid) - 1)
-            if sizes[k - 1] < sizes[k] and sizes[k] >= sizes[k + 1]
+    places = [np.array([low, high])]
+    for one in oscillators:
+        pole = one.pole() / (2 * np.pi)
+        reach = math.asinh((high - low) / abs(pole.real)) + 1
+        places.append(pole.imag + abs(pole.real) * np.sinh(np.arange(-reach, reach, STEP)))
+    grid = np.unique(np.concatenate(places))
+    grid = grid[(grid >= low) & (grid <= high)]
+    sizes = size(grid)
+    found = []
+    for top in argrelmax(sizes)[0].tolist():
+        left, width = grid[top - 1], grid[top + 1] - grid[top - 1]
+        share = minimize_scalar(
+            lambda x, a=left, w=width: -size(a + x * w), bounds=(0.0, 1.0), options={"xatol": 1e-10}
+        ).x
+        best = float(left + share * width)
+        largest = float(size(best))
+        sides = [
+            _side(size, np.append(best, grid[own]), np.append(largest, sizes[own]))
+            for own in (np.arange(top - 1, -1, -1), np.arange(top + 1, grid.size))
         ]
-        for k in tops:
-            best = _maximum(size, grid[k - 1], grid[k + 1])
-            largest = size(best)
-            ends, valleys = [], []
-            for step in (-1, 1):
-                end, valley = _walk(size, grid, sizes, k, step, best, largest)
-                ends.append(end)
-                valleys.append(valley)
-            found.append(
-                OutsidePeak(
-                    hertz=float(best),
-                    magnitude=float(largest),
-                    low=ends[0],
-                    high=ends[1],
-                    prominence=float(1 - max(valleys) / largest),
-                )
-            )
-        return found
+        (start, valley), (end, other) = sides
+        prominence = 1 - max(valley, other) / largest
+        peak = OutsidePeak(
+            hertz=best, magnitude=largest, low=start, high=end, prominence=prominence
+        )
+        found.append(peak)
+    return found
 
 
-def _maximum(size, left, right):
-    """Golden section."""
-    ratio = (mpmath.sqrt(5) - 1) / 2
-    for _ in range(70):
-        one, other = right - ratio * (right - left), left + ratio * (right - left)
-        if size(one) > size(other):
-            right = other
-        else:
-            left = one
-    return (left + right) / 2
-
-
-def _walk(size, grid, sizes, top, step, best, largest):
+def _side(size, places, sizes):  # type: ignore[no-untyped-def]
     """The half-power point on one side, nan where the size rises before, and the lowest size."""
-    limit = largest / mpmath.sqrt(2)
-    inside, before, lowest, end = best, largest, largest, math.nan
-    k = top + step
-    while 0 <= k < len(grid) and sizes[k] <= before:
-        before = lowest = sizes[k]
-        if sizes[k] <= limit and math.isnan(end):
-            outside = grid[k]
-            for _ in range(60):
-                middle = (inside + outside) / 2
-                if size(middle) > limit:
-                    inside = middle
-                else:
-                    outside = middle
-            end = float(inside)
-        if math.isnan(end):
-            inside = grid[k]
-        k += step
-    return end, lowest
+    rising = np.flatnonzero(np.diff(sizes) > 0)
+    last = int(rising[0]) if rising.size else sizes.size - 1
+    limit = sizes[0] / math.sqrt(2)
+    below = np.flatnonzero(sizes[: last + 1] <= limit)
+    end = math.nan
+    if below.size:
+        ends = sorted((places[below[0] - 1], places[below[0]]))
+        end = float(brentq(lambda hertz: size(hertz) - limit, *ends, xtol=1e-300, rtol=1e-14))
+    return end, float(sizes[last])
