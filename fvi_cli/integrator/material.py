@@ -44,10 +44,9 @@ def material_response(
     Raises
     ------
     ValueError
-        For a scene without a given motion, and methods that are not of Runge-Kutta.
+        For methods that are not of Runge-Kutta.
     """
-    if scene.prescribed is None:
-        raise ValueError("material_response: the scene has no given displacement")
+    assert scene.prescribed is not None
     if not isinstance(method, Method) or not method.is_runge_kutta:
         raise ValueError(
             f"method: {method.label} cannot take a given displacement; "

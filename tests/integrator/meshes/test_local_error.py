@@ -1,14 +1,9 @@
 """What a step is believed for: forces that its stages do not see."""
 
-import os
-
 import numpy as np
-import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from letters import in_pieces, spring, swing
+from letters import spring, swing
 from oracles.volterra import solve_volterra
-from spread import SEED, spread
+from spread import spread
 
 import fvi_cli as fvi
 from fvi_cli.effects.damping import FractionalDamping
@@ -46,37 +41,6 @@ def test_no_more_steps_on_smooth_scenes():
     """Steps that the Legendre tail alone took."""
     scene = swing((0.5, np.array([[0.3]])), T=20.0, x=1.0)
     assert [run(scene, tol).n_steps for tol in (1e-4, 1e-6, 1e-8)] <= [25, 41, 68]
-
-
-@settings(max_examples=3, deadline=None)
-@given(origin=st.floats(30.0, 300.0), is_left=st.booleans())
-def test_steps_do_not_depend_on_where_the_origin_lies(origin, is_left):
-    """The mass grows with the velocity, and not with the place."""
-    lagrangian = "0.5*vx**2 + 0.25*vx**4 - 0.5*(x - {!r})**2"
-    origin = -origin if is_left else origin
-    here, there = (
-        run(one_coordinate(lagrangian.format(at), at + 1.0, 0.3, 9.0), 1e-6) for at in (0.0, origin)
-    )
-    assert there.time == pytest.approx(here.time, rel=1e-6)
-    assert there.position - origin == pytest.approx(here.position, abs=1e-6)
-
-
-@pytest.mark.parametrize("seed", range(2))
-def test_what_acts_behind_a_break_point_changes_no_step_before_it(seed):
-    rng = np.random.default_rng([int(os.environ[SEED]), seed])
-    cut, rate, order = rng.uniform(1.0, 4.0), rng.uniform(2.0, 9.0), rng.uniform(0.2, 1.4)
-    make = (spring, swing)[seed % 2]
-    ways = []
-    for later in (f"sin({rate}*t)", "0"):
-        force = in_pieces(f"sin({rate}*t)", cut, later)
-        found = run(make((order, 0.3), T=5.0, x=1.0, v=0.0, forcing=force), 1e-6)
-        before = found.time <= cut
-        assert found.time[before][-1] == cut
-        ways.append((found.time[before], found.position[before], found.position[-1]))
-    same, quiet = ways
-    assert not np.allclose(same[2], quiet[2], atol=1e-3)
-    assert np.array_equal(quiet[0], same[0])
-    assert np.array_equal(quiet[1], same[1])
 
 
 def test_what_a_pulse_moves_is_met_and_not_without_the_looks(monkeypatch):

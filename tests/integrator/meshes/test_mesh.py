@@ -111,14 +111,6 @@ def test_steps_grow_like_those_of_a_graded_mesh(m, power):
     assert h > 2 * law[0]
 
 
-@pytest.mark.parametrize("power", [1.1, 2.5, 3.95])
-def test_steps_are_cut_until_the_power_of_t_is_round_off(power):
-    mesh = graded(1000, power)
-    finest = next(one.step_size for one in mesh.stretches if one.reported_every)
-    first, second = (mesh.times[1:3] / finest) ** power
-    assert first <= 1e-16 < second
-
-
 def oscillator(order: float, *, position: float, velocity: float, **more):
     return spring((order, 1.0), T=1.0, x=position, v=velocity, **more)
 
