@@ -66,7 +66,7 @@ def _of_package(name: str, problem: PeerProblem, n_steps: int) -> Array:
     return np.asarray(fvi.integrate(problem.scene, name, n_steps).position[:, 0])
 
 
-def _trapezoidal(problem: PeerProblem, n_steps: int) -> Array:
+def _pycaputo(scheme: str, problem: PeerProblem, n_steps: int) -> Array:
     methods = importlib.import_module("pycaputo.fode.caputo")
     derivative = importlib.import_module("pycaputo.derivatives").CaputoDerivative
     controller = importlib.import_module("pycaputo.controller").make_fixed_controller
@@ -80,13 +80,14 @@ def _trapezoidal(problem: PeerProblem, n_steps: int) -> Array:
         last = [-problem.slope(y[:1])[0], -MU, 0.0]
         return np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], last])
 
-    stepper = methods.Trapezoidal(
+    more = {"corrector_iterations": 1} if scheme == "PECE" else {"source_jac": jacobian}
+    stepper = getattr(methods, scheme)(
         ds=tuple(map(derivative, (problem.order, 1.0 - problem.order, 1.0))),
         # round-off may end it a step early: one more is asked for and not used
         control=controller(h, tstart=0.0, nsteps=n_steps + 1),
         source=rate,
-        source_jac=jacobian,
         y0=(np.array([1.0, 0.0, 0.0]),),
+        **more,
     )
     events = itertools.islice(stepping.evolve(stepper, dtinit=h), n_steps + 1)
     return np.array([event.y[0] for event in events])
@@ -121,7 +122,8 @@ def solvers(problem: PeerProblem) -> dict[str, Solver]:
     if problem.order == 1.0:
         return {**found, "SciPy DOP853": _dop853}
     if importlib.util.find_spec("pycaputo"):
-        found["pycaputo trapezoidal"] = _trapezoidal
+        found["pycaputo PECE"] = functools.partial(_pycaputo, "PECE")
+        found["pycaputo trapezoidal"] = functools.partial(_pycaputo, "Trapezoidal")
     return found
 
 
