@@ -49,15 +49,32 @@ class ForcingPiece:
 
         With `rows` combinations ``(c, d)`` of it, shape ``(..., c)``.
         """
-        time, weights = np.asarray(time, dtype=float), self.weights
-        weights = weights if rows is None else rows @ weights
-        result = np.zeros((*time.shape, len(weights)))
-        for component, column in zip(self.components, weights.T, strict=True):
-            # a function may be infinite where it has no weight
-            if (places := column.nonzero()[0]).size:
-                value = np.asarray(component.evaluate({"t": time}))
-                result[..., places] += value[..., None] * column[places]
+        time = np.asarray(time, dtype=float)
+        acting = self._acting if rows is None else _acting(self.components, rows @ self.weights)
+        result = np.zeros((*time.shape, len(self.weights if rows is None else rows)))
+        for component, places, factors in acting:
+            value = np.asarray(component.evaluate({"t": time}))
+            result[..., places] += value[..., None] * factors
         return result
+
+    @cached_property
+    def _acting(self) -> Acting:
+        return _acting(self.components, self.weights)
+
+
+Acting = list[tuple[ForceComponent, Any, Array]]
+"""Functions with the places where they act, and their weights there."""
+
+
+def _acting(components: Sequence[ForceComponent], weights: Array) -> Acting:
+    """What has weights: a function may be infinite where it has none."""
+    found: Acting = []
+    for component, column in zip(components, weights.T, strict=True):
+        places = np.flatnonzero(column)
+        if places.size:
+            everywhere = places.size == column.size
+            found.append((component, slice(None) if everywhere else places, column[places]))
+    return found
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
