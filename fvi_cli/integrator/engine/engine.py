@@ -185,8 +185,12 @@ class Engine:
         """A block, linearised at its beginning or an earlier one; the last remainder as a guess."""
         linearised = state.block
         if linearised is None or linearised.block.frame is not frame:
-            v = law.velocity(state.x, state.p, state.t) if law.has_rates else None
-            at = law.linearise(state.x, v, state.t)
+            begin = np.zeros((self.q, 1, self.e * (2 if law.has_rates else 1)))
+            if law.has_rates:
+                begin[:, 0, self.e :] = law.velocity(state.x, state.p, state.t)
+            at, _ = law.expand(state.x, begin, np.array([state.t]))
+            mass, stiffness = (one.reshape(-1, self.e, self.e) for one in (at.mass, at.stiffness))
+            at = Linearisation(mass, None, stiffness)
             block = Block(frame, self._step(frame, at), self._matrices, has_position=False)
             linearised = Linearised(at, block, np.zeros(0))
         width = frame.points.shape[0] // self.tables.points.size

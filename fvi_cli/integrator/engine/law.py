@@ -74,19 +74,13 @@ class StepLaw(Protocol):
     def velocity(self, x: Array, p: Array, t: float) -> Array:
         """The v with P = p, all ``(q, e)``; nan where there is none."""
 
-    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """Second derivatives at one point ``(q, e)``, used at all points of blocks of steps."""
-
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
         """Second derivatives at each of the points, and the remainders there."""
 
-    def remainder(
-        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
-    ) -> Array:
+    def remainder(self, at: Linearisation, origin: Array, points: Array, t: Array) -> Array:
         """Remainders ``(q, n, e)`` or ``(q, n, 2 e)`` at points.
 
-        `before` are the remainders from which Newton's iteration computed these points; `origin`,
-        ``(q, e)``, is the position at the beginning of the steps.
+        `origin`, ``(q, e)``, is the position at the beginning of the steps.
         """
 
 
@@ -156,18 +150,12 @@ class Separable:
             return p / self.mass[..., 0]
         return np.asarray(np.linalg.solve(self.mass, p[..., None])[..., 0])
 
-    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """M and second derivatives of V."""
-        return Linearisation(self.mass, None, self._derivatives(x[:, None])[1][:, 0])
-
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
         """M and second derivatives of V at every point, and K Delta less the gradient."""
         first, second = self._derivatives(origin[:, None] + points)
         return Linearisation(self.mass, None, second), force_of(second, points) - first
 
-    def remainder(
-        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
-    ) -> Array:
+    def remainder(self, at: Linearisation, origin: Array, points: Array, t: Array) -> Array:
         """K Delta less the gradient."""
         return force_of(at.stiffness, points) - self._gradient(origin[:, None] + points)
 
@@ -204,14 +192,6 @@ class General:
         found, e = self._second(x, v, np.asarray(t)[..., None]), x.shape[-1]
         return found[..., : 2 * e], found[..., 2 * e :].reshape(*x.shape[:-1], 3, e, e)
 
-    def linearise(self, x: Array, v: Array | None, t: float) -> Linearisation:
-        """The second derivatives of L, without C: :meth:`remainder` corrects velocities instead."""
-        if v is None:
-            raise ValueError("velocities: they are needed for a general Lagrangian")
-        second = self._derivatives(x[:, None], v[:, None], t)[1][:, 0]
-        curvature = second[:, 2]
-        return Linearisation(second[:, 0], None, -0.5 * (curvature + curvature.swapaxes(-1, -2)))
-
     def expand(self, origin: Array, points: Array, t: Array) -> tuple[Linearisation, Array]:
         """The second derivatives of L, and the remainders of P and Q."""
         e = origin.shape[-1]
@@ -220,44 +200,22 @@ class General:
         return at, self._rest_of(at, points, first)
 
     def _rest_of(self, at: Linearisation, points: Array, first: Array) -> Array:
-        """Remainders of P and Q, given in `first`, to second derivatives at every point."""
+        """Remainders of P and Q, which are in `first`."""
         mass, mixed, stiffness = at
         e = points.shape[-1] // 2
-        displacement, v = points[..., :e, None], points[..., e:, None]
-        remainders = first.copy()
-        if mixed is None:
-            raise ValueError("mixed: second derivatives at points have mixed ones")
-        remainders[..., :e] -= (np.matmul(mass, v) + np.matmul(mixed, displacement))[..., 0]
-        by_velocity = np.matmul(mixed.swapaxes(2, 3), v)
-        remainders[..., e:] += (np.matmul(stiffness, displacement) - by_velocity)[..., 0]
-        return remainders
-
-    def remainder(
-        self, at: Linearisation, origin: Array, points: Array, t: Array, before: Array
-    ) -> Array:
-        """Remainders of momenta and of forces in one array.
-
-        With second derivatives at every point this is Newton's iteration. With one set for all
-        points velocities are first corrected to match the momenta of the equations, M v and the
-        remainders before: a mass that is not constant would slow the iteration down otherwise.
-        """
-        (mass, mixed, stiffness), e = at, origin.shape[-1]
         displacement, v = points[..., :e], points[..., e:]
-        x = origin[:, None] + displacement
+        momentum = force_of(mass, v)
+        force = -force_of(stiffness, displacement)
         if mixed is not None:
-            return self._rest_of(at, points, self._first(x, v, t[..., None]))
-        first, second = self._derivatives(x, v, t)
-        momentum = np.matmul(v, mass) + before[..., :e]
-        by_v, by_q = second[..., 0, :, :], second[..., 1, :, :]
-        change = np.linalg.solve(by_v, (momentum - first[..., :e])[..., None])[..., 0]
-        force = first[..., e:] + np.matmul(change[..., None, :], by_q)[..., 0, :]
-        return np.concatenate(
-            [
-                momentum - np.matmul(v + change, mass),
-                force + np.matmul(displacement, stiffness),
-            ],
-            axis=-1,
-        )
+            momentum += force_of(mixed, displacement)
+            force += force_of(mixed.swapaxes(-1, -2), v)
+        return np.asarray(first - np.concatenate([momentum, force], axis=-1))
+
+    def remainder(self, at: Linearisation, origin: Array, points: Array, t: Array) -> Array:
+        """Remainders of momenta and of forces in one array."""
+        e = origin.shape[-1]
+        x = origin[:, None] + points[..., :e]
+        return self._rest_of(at, points, self._first(x, points[..., e:], t[..., None]))
 
 
 def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:

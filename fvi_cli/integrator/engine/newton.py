@@ -72,14 +72,15 @@ class Problem:
             loads = loads + block.loads_of(rest, count)
         return block.solve(None, self.p, None, loads, count)
 
-    def remainder(self, at: Linearisation, block: Block, points: Array, before: Array) -> Array:
-        """Remainders at points."""
+    def remainder(self, at: Linearisation, block: Block, points: Array) -> Array:
+        """Remainders at points ``(q, n r w)``."""
         times = block.frame.unit.tables.points
         if self.law.has_rates:
             # other laws do not depend on the time
             steps = np.arange(self.loads.shape[1])[:, None]
             times = self.t + block.frame.h * (steps + times).ravel()
-        return self.law.remainder(at, self.x, points.reshape(before.shape), times, before)
+        width = self.x.shape[1] * (2 if self.law.has_rates else 1)
+        return self.law.remainder(at, self.x, points.reshape(len(points), -1, width), times)
 
 
 def largest(values: Array) -> Array:
@@ -92,7 +93,7 @@ def solve_block(problem: Problem, start: Linearised) -> Solution:
     at, block, rest = start
     begin, fold = _map_of(problem, block)
     points = begin + apply(fold, rest.reshape(len(rest), -1))
-    rest = problem.remainder(at, block, points, rest)
+    rest = problem.remainder(at, block, points)
     return _iterate(problem, Linearised(at, block, rest), points, (begin, fold), None)
 
 
@@ -165,7 +166,7 @@ def _iterate(
         if not np.count_nonzero(iterating):
             break
         if last is not None:
-            rest = problem.remainder(at, block, points, rest)
+            rest = problem.remainder(at, block, points)
     finite = np.asarray(np.isfinite(change).all(axis=1))
     return Solution(problem.rows(block, rest), rest, iterations, failed | iterating, finite)
 

@@ -24,7 +24,7 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 
 LARGEST_DENSE = 256
 """A scene is large if a step has more unknowns."""
-LARGEST_OFF_DIAGONAL = 1e-12  # of the largest entry; round-off: 4e-15 of Gauss3, 5e-14 of Gauss5
+LARGEST_OFF_DIAGONAL = 1e-8  # of the largest entry; round-off, which the refinement corrects
 
 Product = tuple[Array, Form]
 """A small matrix ``(s, s)`` of the method and a large one ``(d, d)`` of the scene."""
