@@ -7,11 +7,11 @@ from spread import spread
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
-from fvi_cli.integrator.engine import blocks
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import Recurrence
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.run import loop
 from fvi_cli.integrator.run.on_mesh import engine_for, mesh_for
 from fvi_cli.scenes.lagrangian import lagrangian_scene
 from fvi_cli.scenes.registry import build_scene
@@ -47,7 +47,7 @@ def coupled(order: float, *, forced: bool, speed: float):
 def test_linear_blocks_are_single_steps(monkeypatch, method, order, forced, speed, n):
     scene = coupled(order, forced=forced, speed=speed)
     found = integrate(scene, method, n, every=n // 90)
-    monkeypatch.setattr(blocks, "STEPS_OF_BLOCK", 1)
+    monkeypatch.setattr(loop, "block_length", lambda engine, total: 1)
     expected = integrate(scene, method, n, every=n // 90)
     assert np.abs(found.position - expected.position).max() < 2e-12
     assert np.abs(found.momentum - expected.momentum).max() < 2e-11
@@ -65,7 +65,7 @@ def test_nonlinear_blocks_are_single_steps(monkeypatch, method, order, kind):
         initial_velocity=[0.5],
     )
     found = integrate(scene, method, 1500)
-    monkeypatch.setattr(blocks, "STEPS_OF_BLOCK", 0)
+    monkeypatch.setattr(loop, "block_length", lambda engine, total: 1)
     expected = integrate(scene, method, 1500)
     assert found.status == expected.status == "ok"
     assert found.newton_iterations < expected.newton_iterations
