@@ -136,27 +136,22 @@ def _solver_of_all_stages(products: Sequence[Product]) -> Solve:
     from scipy.sparse import kron
 
     # the unknowns of one component are neighbours: the band of the large matrices stays narrow
-    whole = [cast(Form, as_csr(cast(Form, kron(as_csr(b), a)))) for a, b in products]
+    whole = [cast(Form, kron(as_csr(large), small, format="csr")) for small, large in products]
     solver = _factorised([1.0] * len(whole), whole)
     return lambda right: solver(right.T.ravel()).real.reshape(right.T.shape).T
 
 
 def _factorised(factors: Sequence[complex], matrices: Sequence[Form]) -> Solve:
     """Solve equations with a complex combination of matrices."""
-    if all(isinstance(one, np.ndarray) for one in matrices):
+    whole: Any = sum(complex(k) * cast(Any, one) for k, one in zip(factors, matrices, strict=True))
+    if isinstance(whole, np.ndarray):
         from scipy.linalg import lu_factor, lu_solve
 
-        whole = np.zeros(matrices[0].shape, dtype=complex)
-        for k, one in zip(factors, matrices, strict=True):
-            whole += k * np.asarray(one)
-        lu: Any = lu_factor(cast(Any, whole))
+        lu: Any = lu_factor(whole)
         if not np.abs(np.diagonal(lu[0])).min() > 0:
             raise np.linalg.LinAlgError("Singular matrix")
         return lambda right: np.asarray(lu_solve(lu, right))
     from scipy.sparse import csc_array
 
-    sparse: Any = csc_array(cast(Any, matrices[0].shape), dtype=cast(Any, complex))
-    for k, one in zip(factors, matrices, strict=True):
-        sparse = sparse + cast(Any, as_csr(one)) * complex(k)
-    splu = factors_of(csc_array(sparse))
-    return lambda right: np.asarray(splu.solve(right))
+    factorised = factors_of(csc_array(whole))
+    return lambda right: np.asarray(factorised.solve(right))

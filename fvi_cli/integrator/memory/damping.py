@@ -85,6 +85,8 @@ class Damping:
         from scipy.sparse import coo_array, csr_array
 
         assert self._reach is not None
+        if self._reach.size == self._components:
+            return one.matrix
         given: Any = coo_array(cast(Any, one.matrix))
         places = self._reach[given.row], self._reach[given.col]
         shape = (self._components, self._components)
