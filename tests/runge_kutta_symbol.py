@@ -6,13 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import fractional_matrix_power
 
 from fvi_cli.integrator.memory.stages import stage_operator
 from fvi_cli.mathematics.arrays import Array, ComplexArray
-
-# Eigenvectors worse conditioned than this lose digits in a matrix power.
-_LARGEST_CONDITION = 1e4
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,13 +66,6 @@ def symbol_power(tableau: ButcherTableau, exponent: float, points: ArrayLike) ->
     For ``|z| < 1`` the eigenvalues of the symbol lie in the open right half-plane, and the power
     is the generating function ``sum_n w_n z^n`` of the convolution quadrature weights.
     """
-    matrices = symbol(tableau, points)
-    values, vectors = np.linalg.eig(matrices)
-    result = np.asarray(
-        (vectors * (values**exponent)[..., None, :]) @ np.linalg.inv(vectors), dtype=np.complex128
-    )
-    # Two eigenvalues can meet at isolated points, where eigenvectors are of no use.
-    for index in np.argwhere(np.linalg.cond(vectors) > _LARGEST_CONDITION):
-        place = tuple(index)
-        result[place] = fractional_matrix_power(matrices[place], exponent)
-    return result
+    values, vectors = np.linalg.eig(symbol(tableau, points))
+    powers = values[..., None, :] ** exponent
+    return np.asarray(vectors * powers @ np.linalg.inv(vectors), dtype=np.complex128)

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 
-import mpmath
 import numpy as np
 import pytest
 from letters import oscillator, swing
@@ -13,7 +12,6 @@ from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.integrator.method import Baseline, Method
 from fvi_cli.integrator.stability.determinants import (
     LinearSystems,
-    independent_systems,
     step_determinants,
 )
 from fvi_cli.integrator.stability.prediction import predict_stability
@@ -152,37 +150,6 @@ def test_units_do_not_matter():
 def test_nothing_is_said_of_nonlinear_scenes():
     prediction = predict_stability(swing((1.5, np.eye(1)), T=100.0, x=0.0), nodes(6), 1000)
     assert (prediction.verdict, prediction.reason) == ("unknown", "the scene is nonlinear")
-
-
-def logarithm_at(determinants, place):
-    first = np.zeros(1, dtype=int)
-    return determinants.logarithms(determinants.tabulate(place), first, first)[0]
-
-
-def test_symbols_near_one_are_exact():
-    # Gauss with two stages has a pole at z = 1: the power of the symbol against 60 digits
-    z = 1.0 - 1e-7
-    method, order = Method(cq="gauss", degree=2), 0.3
-    place = np.array([z], dtype=complex)
-    damped_system = independent_systems(oscillator(damping=((order, 0.7),)))
-    logarithm = logarithm_at(step_determinants(damped_system, method, 0.5), place)
-    with mpmath.workdps(60):
-        root = mpmath.sqrt(3)
-        a = mpmath.matrix([[0.25, 0.25 - root / 6], [0.25 + root / 6, 0.25]])
-        ones, half = mpmath.matrix([1, 1]), mpmath.matrix([[0.5, 0.5]])
-        exact_z, h = mpmath.mpf(z), mpmath.mpf(0.5)
-        symbol = (a + exact_z / (1 - exact_z) * (ones * half)) ** -1
-        values, vectors = mpmath.eig(symbol)
-        power = vectors * mpmath.diag([v ** (order - 1) for v in values]) * vectors**-1
-        # the scheme is [Delta^2 + mu Delta^gamma + k] X = 0 with the step size in Delta, and the
-        # determinant of the step is that times det(A) factors that do not depend on the scene
-        force = mpmath.mpf(0.7) * h ** (-order) * power * symbol + mpmath.eye(2)
-        damped = mpmath.det(symbol * symbol / h**2 + force)
-        free = mpmath.det(symbol * symbol / h**2 + mpmath.eye(2))
-    free_system = independent_systems(oscillator(damping=()))
-    reference = logarithm_at(step_determinants(free_system, method, 0.5), place)
-    ratio = complex(damped / free)
-    assert np.exp(logarithm - reference) == pytest.approx(ratio, rel=1e-7)
 
 
 GAUSS = Method(cq="gauss", degree=2)

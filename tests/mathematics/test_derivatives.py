@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fvi_cli.mathematics.algebra import builder
-from fvi_cli.mathematics.algebra.arithmetic import NUMPY_FUNCTIONS, ExpressionError
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import Builder, derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.expressions import FUNCTION_NAMES, Expression
@@ -61,14 +61,6 @@ def test_the_control_notices_a_wrong_derivative():
     assert wrong != pytest.approx(np.cos(1.3), rel=1e-12)
 
 
-def test_equal_parts_are_computed_once():
-    formula = system("sin(x*y)*exp(sin(x*y))")
-    first = derivatives(formula, [{"x": 1.0}])
-    program = derivatives(first, [{"x": 1.0}])
-    calls = [str(kind) for kind, *_ in program.instructions if kind in NUMPY_FUNCTIONS]
-    assert sorted(calls) == ["cos", "exp", "sin"]
-
-
 @pytest.mark.parametrize(
     ("text", "number"),
     [
@@ -85,12 +77,6 @@ def test_equal_parts_are_computed_once():
 def test_what_is_constant_is_told(text, number):
     found = system(text).constants({}, NAMES)
     assert found == (None if number is None else pytest.approx([number], rel=1e-15, abs=1e-40))
-
-
-def test_gamma_has_one_derivative():
-    first = derivatives(system("gamma(x)"), [{"x": 1.0}])
-    with pytest.raises(ExpressionError, match="'gamma' cannot be differentiated twice"):
-        derivatives(first, [{"x": 1.0}])
 
 
 def test_only_nodes_of_the_list_become_source():

@@ -55,15 +55,6 @@ def test_every_function_agrees_with_extended_precision():
         assert folded.is_constant
 
 
-def test_any_algebra():
-    functions = {"sin": mpmath.sin}
-    expression = Expression.parse("k*sin(x) + x**3/7", ("x", "k"))
-    with mpmath.workdps(40):
-        x = mpmath.mpf(1) / 3
-        value = expression.evaluate({"x": x, "k": 2.0}, functions)
-        assert abs(value - (2 * mpmath.sin(x) + x**3 / 7)) < mpmath.mpf(10) ** -39
-
-
 def test_numbers_stand_for_themselves():
     for number in (3, 0.1, -2.5, 1e-300):
         assert Expression.parse(number).evaluate({}, {}) == number
@@ -97,13 +88,6 @@ def test_singular_values_neither_warn_nor_raise():
     assert Expression.parse("1/t", ("t",)).evaluate({"t": 0}, {}) == np.inf
     integers = Expression.parse("t**-1", ("t",)).evaluate({"t": np.array([1, 2])})
     np.testing.assert_array_equal(integers, [1, 0.5])
-
-
-def test_the_place_of_a_mistake_is_known_in_other_processes_too():
-    with pytest.raises(ExpressionError) as caught:
-        Expression.parse("1 + omga*t", ("t", "omega"))
-    assert isinstance(caught.value, ValueError)
-    assert pickle.loads(pickle.dumps(caught.value)).column == caught.value.column == 5
 
 
 ATTACKS = [

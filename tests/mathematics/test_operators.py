@@ -18,26 +18,6 @@ def random_sequence(n: int, *shape: int) -> Array:
     return np.random.default_rng(n).standard_normal((n, *shape))
 
 
-def toeplitz(bdf_order: int, exponent: float, n: int) -> Array:
-    """Lower triangular matrix of the retarded operator, entry by entry."""
-    weights = STEP**-exponent * convolution_weights(bdf_order, exponent, n)
-    k = np.arange(n)
-    lag = k[:, None] - k[None, :]
-    return np.where(lag >= 0, weights[np.abs(lag)], 0.0)
-
-
-@spread(exponent=[-1.5, -1.0, -0.3, 0.0, 0.5, 1.0, 1.7, 2.0], bdf_order=BDF_ORDERS)
-def test_operators_are_a_toeplitz_matrix_and_its_transpose(bdf_order, exponent):
-    matrix = toeplitz(bdf_order, exponent, 60)
-    for values in (random_sequence(60), random_sequence(60, 3)):
-        left = left_operator(bdf_order, exponent, STEP, values)
-        right = right_operator(bdf_order, exponent, STEP, values)
-        assert left.shape == right.shape == values.shape
-        scale = np.abs(matrix).sum(axis=1).max()
-        np.testing.assert_allclose(left, matrix @ values, rtol=0, atol=1e-14 * scale)
-        np.testing.assert_allclose(right, matrix.T @ values, rtol=0, atol=1e-14 * scale)
-
-
 def right_operator(bdf_order: int, exponent: float, step_size: float, values: Array) -> Array:
     """The advanced operator: the retarded one with time reversed."""
     return left_operator(bdf_order, exponent, step_size, values[::-1])[::-1]
@@ -83,16 +63,6 @@ def test_asymmetric_integration_by_parts(bdf_order, n, exponent):
     # Control: with the retarded operator on both sides it does not hold.
     wrong = left_operator(bdf_order, exponent, STEP, y)
     assert abs(left @ y - x @ wrong) > 1e-5 * scale
-
-
-def test_signs():
-    t = STEP * np.arange(50)
-    left = left_operator(2, 1.0, STEP, t**2)
-    np.testing.assert_allclose(left[2:], 2 * t[2:], atol=1e-12)
-    right = right_operator(2, 1.0, STEP, t**2)
-    np.testing.assert_allclose(right[:-2], -2 * t[:-2], atol=1e-12)
-    integral = left_operator(1, -1.0, STEP, np.ones(50))
-    np.testing.assert_allclose(integral, t + STEP, atol=1e-14)
 
 
 LADDER = 2 ** np.arange(5, 12)

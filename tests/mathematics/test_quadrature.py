@@ -39,25 +39,6 @@ def test_order_is_sharp(name, n):
     assert rule.order == {"gauss": 2 * n, "lobatto": 2 * n - 2}[name]
 
 
-def test_rules_of_the_textbooks():
-    """Hairer, Wanner, Solving Ordinary Differential Equations II, section IV.5."""
-    root = np.sqrt
-    expected = {
-        ("gauss", 1): ([0.5], [1.0]),
-        ("gauss", 2): ([0.5 - root(3) / 6, 0.5 + root(3) / 6], [0.5, 0.5]),
-        ("gauss", 3): ([0.5 - root(15) / 10, 0.5, 0.5 + root(15) / 10], [5 / 18, 8 / 18, 5 / 18]),
-        ("lobatto", 2): ([0, 1], [0.5, 0.5]),
-        ("lobatto", 3): ([0, 0.5, 1], [1 / 6, 4 / 6, 1 / 6]),
-        ("lobatto", 4): (
-            [0, (1 - root(0.2)) / 2, (1 + root(0.2)) / 2, 1],
-            [1 / 12, 5 / 12, 5 / 12, 1 / 12],
-        ),
-    }
-    for (name, n), (nodes, weights) in expected.items():
-        np.testing.assert_allclose(RULES[name](n).nodes, nodes, rtol=0, atol=2e-16)
-        np.testing.assert_allclose(RULES[name](n).weights, weights, rtol=0, atol=2e-16)
-
-
 @pytest.mark.parametrize("exponent", [-0.9, -0.5, 0.0, 0.7])
 def test_weights_at_an_end(exponent):
     nodes, weights = jacobi_rule(20, exponent)

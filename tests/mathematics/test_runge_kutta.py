@@ -2,14 +2,10 @@
 
 import numpy as np
 import pytest
-from runge_kutta_symbol import at_infinity, symbol, symbol_power, tableau
+from runge_kutta_symbol import tableau
 from written_out import power_weights
 
 FAMILIES = ("gauss", "lobatto-iiic")
-METHODS = [
-    *[("gauss", m) for m in (1, 2, 3, 4)],
-    *[("lobatto-iiic", m) for m in (2, 3, 4)],
-]
 
 
 def test_tableaux_printed_in_hairer_and_wanner():
@@ -24,19 +20,6 @@ def test_tableaux_printed_in_hairer_and_wanner():
         atol=2e-16,
     )
     np.testing.assert_allclose(tableau("lobatto-iiic", 2).A, [[0.5, -0.5], [0.5, 0.5]], atol=1e-16)
-
-
-@pytest.mark.parametrize("m", [2, 3, 4, 7])
-def test_orders_stage_orders_and_values_at_infinity(m):
-    gauss, lobatto = tableau("gauss", m), tableau("lobatto-iiic", m)
-    assert [t.order for t in (gauss, lobatto)] == [2 * m, 2 * m - 2]
-    assert [t.stage_order for t in (gauss, lobatto)] == [m, m - 1]
-    assert [at_infinity(t) for t in (gauss, lobatto)] == [(-1) ** m, 0]
-    # symplectic: b_i a_ij + b_j a_ji = b_i b_j; only Gauss is
-    for method, expected in ((gauss, True), (lobatto, False)):
-        weighted = method.b[:, None] * method.A
-        defect = np.abs(weighted + weighted.T - np.outer(method.b, method.b)).max()
-        assert bool(defect < 1e-15) is expected
 
 
 def defects(method, shift=0.0):
@@ -59,34 +42,6 @@ def test_all_tableaux_fulfil_what_they_claim(name):
             # the control: no more than that, and not by other nodes
             assert min(sums[-1], rows[-1]) > 1e-7
             assert defects(method, 1e-12)[1][0] > 5e-13
-
-
-@pytest.mark.parametrize(("name", "m"), METHODS)
-def test_symbol_is_the_inverse_of_its_definition(name, m):
-    method = tableau(name, m)
-    z = np.array([[0.3, -0.8, 0.5j], [0.9 + 0.1j, -0.95, 0.0]])
-    product = symbol(method, z) @ (method.A + (z / (1 - z))[..., None, None] * method.b)
-    assert np.abs(product - np.eye(m)).max() < 5e-13
-    if at_infinity(method) != 1:
-        # the symbol at z = 1 is finite, and does not see constants
-        assert np.abs(symbol(method, 1.0) @ np.ones(m)).max() < 1e-12
-    for exponent in (0.5, 1.5, -0.7):
-        power = symbol_power(method, exponent, z)
-        other = symbol_power(method, 1 - exponent, z)
-        scale = np.abs(power).max() * np.abs(other).max()
-        assert np.abs(power @ other - symbol(method, z)).max() < 1e-13 * scale
-        assert np.abs(power @ other @ other - symbol(method, z)).max() > 1e-6 * scale
-
-
-def test_symbol_power_where_two_eigenvalues_meet():
-    q = 1 / np.sqrt(3) - 0.5
-    z = q / (1 + q)
-    delta = symbol(tableau("gauss", 2), z)
-    root = symbol_power(tableau("gauss", 2), 0.5, z)
-    assert np.abs(root @ root - delta).max() < 1e-13
-    values, vectors = np.linalg.eig(delta)
-    naive = vectors @ np.diag(values**0.5) @ np.linalg.inv(vectors)
-    assert np.abs(naive @ naive - delta).max() > 1e-11
 
 
 def test_weights_printed_for_lobatto_iiic():

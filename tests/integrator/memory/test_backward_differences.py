@@ -1,12 +1,11 @@
 """The far past of backward differences as exponentials, against the weights themselves."""
 
-import mpmath
 import numpy as np
 import pytest
 from spread import spread
 
 from fvi_cli.integrator.memory.lags import NEAR_LAGS, lag_exponentials
-from fvi_cli.mathematics.bdf import difference_weights, quotient_polynomial
+from fvi_cli.mathematics.bdf import difference_weights
 
 ORDERS = (0.02, 0.5, 1.0, 1.5, 1.98)
 
@@ -36,27 +35,3 @@ def test_nearer_lags_have_parts_that_the_exponentials_leave_out(bdf_order):
     found = far_weights(bdf_order, 4096, lag)[1]
     exact = difference_weights(bdf_order, ORDERS[1], 4096)[lag]
     assert np.abs(found / exact - 1.0).max() > 1e-9
-
-
-def test_forty_digits_say_the_same():
-    """Coefficients of the power, by its differential equation: q w' = order q' w."""
-    order, count = mpmath.mpf("0.5"), 700
-    with mpmath.workdps(40):
-        # exact: the symbol over 1 - z, in powers of z, of the formula of order six
-        q = [
-            sum(mpmath.mpf((-1) ** j * int(mpmath.binomial(k, j))) / (k + 1) for k in range(j, 6))
-            for j in range(6)
-        ]
-        assert np.allclose([float(one) for one in q], quotient_polynomial(6), rtol=1e-15)
-        power = [q[0] ** order]
-        for n in range(1, count):
-            rest = sum((order * k - (n - k)) * q[k] * power[n - k] for k in range(1, min(n, 5) + 1))
-            power.append(rest / (n * q[0]))
-        # times (1 - z)^(order - 1)
-        binomial = [mpmath.mpf(1)]
-        for n in range(1, count):
-            binomial.append(binomial[-1] * (n - order) / n)
-        lags = np.array([256, 300, 450, 699])
-        exact = [sum(power[k] * binomial[n - k] for k in range(n + 1)) for n in lags.tolist()]
-    found = far_weights(6, 1000, lags)[1]
-    assert np.abs(found / np.array([float(one) for one in exact]) - 1.0).max() < 2e-14
