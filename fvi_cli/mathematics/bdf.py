@@ -17,9 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.mathematics.arrays import Array, ComplexArray
 
-LARGEST_BDF_ORDER = 6
-"""Backward difference formulas of higher order are unstable."""
-
 # From this index on the binomial coefficients come from their asymptotic series: n - 1 - e rounds
 # the same way for many n, and a running product drifts, to 3e-11 at n = 2**20 for e = 1.9.
 _BINOMIAL_TAIL_START = 24
@@ -33,12 +30,11 @@ def quotient_polynomial(bdf_order: int) -> Array:
 
     Exact rationals, rounded once.
     """
-    return _rounded(_quotient(bdf_order))
+    return _quotient(bdf_order).astype(float)
 
 
 def symbol_at(bdf_order: int, z: ComplexArray) -> ComplexArray:
     """``gamma_p(z)`` at complex numbers of any shape, accurately near z = 1 as well."""
-    _check_bdf_order(bdf_order)
     difference = 1.0 - np.asarray(z, dtype=np.complex128)
     value: ComplexArray = np.zeros_like(difference)
     for k in range(bdf_order, 0, -1):
@@ -54,18 +50,13 @@ def convolution_weights(bdf_order: int, order: float, n_weights: int) -> Array:
     the weights are finite stencils: exact rationals, rounded once, then zeros. Small weights of
     the tail have a small relative error as well.
 
-    Raises
-    ------
-    ValueError
-        For a formula, an order or a number out of range.
-
     Notes
     -----
     ``gamma_p(z)**e = (1-z)**e q_p(z)**e``: the convolution of the binomial series with the power
     of ``q_p`` (J.C.P. Miller's recurrence, Henrici, *Applied and Computational Complex Analysis* 1,
     section 1.6), which is short: the zeros of ``q_p`` are at abs(z) >= 1.158 (p = 6).
     """
-    exact = _check_arguments(bdf_order, order, n_weights)
+    exact = Fraction(order)
     return _power_weights(bdf_order, exact, exact, n_weights)
 
 
@@ -77,7 +68,7 @@ def difference_weights(bdf_order: int, order: float, n_weights: int) -> Array:
     series of ``(1-z)**(order-1)``; running sums of w would lose the tail. Range and errors: those
     of :func:`convolution_weights`.
     """
-    exact = _check_arguments(bdf_order, order, n_weights)
+    exact = Fraction(order)
     return _power_weights(bdf_order, exact - 1, exact, n_weights)
 
 
@@ -97,33 +88,12 @@ def left_operator(bdf_order: int, exponent: float, step_size: float, values: Arr
     return np.asarray(step_size**-exponent * matmul_toeplitz((weights, above), samples))
 
 
-def _check_bdf_order(bdf_order: int) -> None:
-    if bdf_order not in range(1, LARGEST_BDF_ORDER + 1):
-        raise ValueError(f"bdf_order: {bdf_order!r} is not one of 1 to {LARGEST_BDF_ORDER}")
-
-
-def _check_arguments(bdf_order: int, order: float, n_weights: int) -> Fraction:
-    _check_bdf_order(bdf_order)
-    if not -2 < order <= 2:
-        raise ValueError(f"order: {order!r} is not in (-2, 2]")
-    if n_weights < 1:
-        raise ValueError(f"n_weights: {n_weights} is not allowed; it must be at least 1")
-    return Fraction(order)
-
-
 def _quotient(bdf_order: int) -> NDArray[np.object_]:
     """Exact coefficients of q_p(z) = sum_{k=1..p} (1-z)^(k-1) / k."""
-    _check_bdf_order(bdf_order)
     quotient = np.zeros(bdf_order, dtype=object)
     for k in range(1, bdf_order + 1):
         quotient[:k] += [Fraction((-1) ** m * comb(k - 1, m), k) for m in range(k)]
     return quotient
-
-
-def _rounded(polynomial: NDArray[np.object_]) -> Array:
-    coefficients = polynomial.astype(float)
-    coefficients.setflags(write=False)
-    return coefficients
 
 
 def _power_weights(
@@ -139,7 +109,7 @@ def _power_weights(
             stencil = np.convolve(stencil, np.array([Fraction(1), Fraction(-1)]))
         weights = np.zeros(n_weights)
         n_stencil = min(stencil.size, n_weights)
-        weights[:n_stencil] = _rounded(stencil)[:n_stencil]
+        weights[:n_stencil] = stencil[:n_stencil].astype(float)
         return weights
     binomial = _binomial_series(binomial_exponent, n_weights)
     if bdf_order == 1 or quotient_exponent == 0:

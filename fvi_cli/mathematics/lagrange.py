@@ -67,13 +67,5 @@ class LagrangeBasis:
 
 @cache
 def lobatto_basis(degree: int) -> LagrangeBasis:
-    """The basis on the ``degree + 1`` Lobatto points of [0, 1] (degree 1: 0 and 1).
-
-    Raises
-    ------
-    ValueError
-        For a degree outside 1 to 20.
-    """
-    if not 1 <= degree <= LARGEST_DEGREE:
-        raise ValueError(f"degree: {degree} is not allowed; it must be 1 to {LARGEST_DEGREE}")
+    """The basis on the ``degree + 1`` Lobatto points of [0, 1] (degree 1: 0 and 1)."""
     return LagrangeBasis(control_points=lobatto_rule(degree + 1).nodes)
