@@ -61,24 +61,6 @@ def test_the_control_notices_a_wrong_derivative():
     assert wrong != pytest.approx(np.cos(1.3), rel=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("text", "number"),
-    [
-        ("3", 3.0),
-        ("sqrt(2)", np.sqrt(2)),
-        ("(x + y)**2 - x**2", None),
-        ("1 + 1e-15*x", None),
-        ("x**2/x - x + 1e-12*sign(y)", None),
-        ("max(x - 1e6, 0)", None),
-        ("2 + exp(-(x/1e-3)**2)", None),
-        ("2 + 1e-60*x", None),
-    ],
-)
-def test_what_is_constant_is_told(text, number):
-    found = system(text).constants({}, NAMES)
-    assert found == (None if number is None else pytest.approx([number], rel=1e-15, abs=1e-40))
-
-
 def test_only_nodes_of_the_list_become_source():
     """The control of what is compiled: whatever else stands in a program is refused."""
     own = Builder()

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from fvi_cli.effects.potential import ExpressionPotential
-from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.formulas import PointFormulas
 from fvi_cli.mathematics.expressions import Expression
 
@@ -68,14 +67,3 @@ def test_what_is_returned_is_never_the_position_itself():
     for found in (every.energy(points), every.gradient(points)):
         found += 1.0
     assert np.array_equal(points, [[[0.3]], [[0.4]]])
-
-
-def test_parameters_that_make_no_number_are_no_error_of_python():
-    every = potential(("x",), "1/b + a*x", a=1, b=0)
-    assert np.isinf(every.energy(np.array([[0.5]]))).all()
-
-
-def test_a_name_without_a_value_is_refused():
-    system = potential(("x",), "a*x").energy_expression.system
-    with pytest.raises(ExpressionError, match="no value was given for the variable 'a'"):
-        PointFormulas(system, ("x",), {})

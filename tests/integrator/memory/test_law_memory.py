@@ -155,16 +155,6 @@ def test_laws_have_full_order_in_every_kind_of_scene(name):
     assert np.log2(errors[0] / errors[1]) == pytest.approx(6.0, abs=0.15)
 
 
-def test_equal_steps_have_the_order_of_the_singular_start():
-    errors = []
-    for n_steps in (192, 384):
-        plain = integrate(SCENE, Method(cq="gauss", degree=4, start="none"), n_steps)
-        finer = integrate(SCENE, Method(cq="gauss", degree=6, start="graded"), n_steps)
-        errors.append(float(np.abs(plain.position - finer.position).max()))
-    # the position begins with 3 plus the order of the law
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(3.675, abs=0.1)
-
-
 def test_few_adaptive_steps_reach_the_oracle():
     method = Method(cq="gauss", degree=5, start="graded")
     run = integrate(SCENE, method, AdaptiveSteps(tolerance=1e-7))
