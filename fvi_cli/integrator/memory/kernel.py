@@ -29,6 +29,11 @@ import numpy as np
 from fvi_cli.effects.laws import RelaxationKernel
 from fvi_cli.mathematics.arrays import Array
 
+ACCURACY = 1e-14
+"""Of the weights of the history, relative to their size."""
+WIDTH = 0.2553305033749236
+"""Steps of the trapezoidal rule: with w = 2 pi / width its relative error for x^2 exp(-x) is
+2 |Gamma(2 + i w)| = 5 w^1.5 exp(-pi w / 2), the accuracy, and for lower powers it is less."""
 _CACHED_KERNELS = 256  # number of kernels that are kept in a process
 LARGEST_EXPONENT = math.nextafter(1.0, 0.0)
 """Exponent of orders so small that 1 minus the order is 1; rates serve all exponents up to it."""
@@ -37,7 +42,7 @@ _WIDE = 0.55 * math.pi
 _PEAK_MARGIN = 3.0  # least distance of a peak from the ends, in logarithms of rates
 # ends are moved for a peak in steps of this size, so that similar laws have the same rates
 _ROOM = 2.0
-# nodes farther than this (in logarithms) beyond the ends have the same effect to every accuracy
+# nodes farther than this (in logarithms) beyond the ends have the same effect
 _ALIKE = 120.0
 
 
@@ -91,14 +96,12 @@ def power_kernel(
     final_time: float,
     stages: int,
     steps: float | None = None,
-    accuracy: float = 1e-14,
 ) -> Kernel:
     r"""Rates and weights of terms, for all meshes of certain steps.
 
     The stages are those of the Gauss method; Lobatto IIIC needs less. `steps` is
     ``shortest_step * sum(1 / h_n)``, if that is known; None: ``final_time / shortest_step``, which
-    is not less. The accuracy, 1e-15 to 0.1, is that of the weights of the history, relative to
-    their size. Kernels are shared for the powers of 2 next to the arguments.
+    is not less. Kernels are shared for the powers of 2 next to the arguments.
 
     Notes
     -----
@@ -120,14 +123,11 @@ def power_kernel(
         math.ceil(math.log2(final_time)),
         math.ceil(math.log2(most)),
         stages,
-        accuracy,
     )
 
 
 @lru_cache(maxsize=_CACHED_KERNELS)
-def _kernel(
-    terms: tuple[Term, ...], step: int, time: int, steps: int, stages: int, accuracy: float
-) -> Kernel:
+def _kernel(terms: tuple[Term, ...], step: int, time: int, steps: int, stages: int) -> Kernel:
     """The kernel for a shortest step 2^step, a final time 2^time and a number of steps 2^steps."""
     # logarithms of rates between which the integrand is not a power of the rate
     first = -time * math.log(2)
@@ -140,7 +140,7 @@ def _kernel(
         for index, one in enumerate(terms)
         for rate, mass in (one.masses if _is_law(one) else ())
     ]
-    rule = _Rule(first, last, accuracy, peaks)
+    rule = _Rule(first, last, peaks)
     kept = rule.rates if smooth else np.zeros(0)
     rates = np.unique(np.concatenate([kept, [rate for _, rate, _ in masses]]))
     weights = np.zeros((len(terms), rates.size))
@@ -164,9 +164,7 @@ class _Rule:
     logarithms they bend, with the distance of their singularities from the real axis.
     """
 
-    def __init__(
-        self, first: float, last: float, accuracy: float, peaks: Sequence[tuple[float, float]]
-    ) -> None:
+    def __init__(self, first: float, last: float, peaks: Sequence[tuple[float, float]]) -> None:
         nearest, farthest = first - _ALIKE, last + _ALIKE
         below = max([0.0, *(first - place + _PEAK_MARGIN for place, _ in peaks)])
         above = max([0.0, *(place + _PEAK_MARGIN - last for place, _ in peaks)])
@@ -174,25 +172,19 @@ class _Rule:
         last += _ROOM * math.ceil(above / _ROOM)
         narrow = sorted({(place, size) for place, size in peaks if size < _WIDE})
         crowds = _PeakMap(tuple((_u_of(place, first, last), size) for place, size in narrow))
-        # the relative error for x^2 exp(-x) is 2 |Gamma(2 + i w)| = 5 w^1.5 exp(-pi w / 2) at
-        # w = 2 pi / width, that for lower powers is less
-        omega = 10.0
-        for _ in range(20):  # a fixed point: an iteration gains a factor of 3.9 or more
-            omega = 2 / math.pi * math.log(5.02 * omega**1.5 / accuracy)
-        width = 2 * math.pi / omega
         # an end has no effect left at exp(-cut), in the units of x and, merged, of its least power
-        cut = 3.0 - math.log(accuracy)
+        cut = 3.0 - math.log(ACCURACY)
         tail = math.log(cut) + 0.5
         far = math.log(cut / (1.0 - LARGEST_EXPONENT)) + 0.5
         ends = np.array([first - far, first - tail, last + tail, last + far])
         lowest, origin, end, highest = crowds.stretched(ends)
-        n_below, n_middle = math.ceil((origin - lowest) / width), math.ceil((end - origin) / width)
-        n_above = math.ceil((highest - end) / width)
-        nodes = origin + width * np.arange(-n_below, n_middle + n_above + 1)
+        n_below, n_middle = math.ceil((origin - lowest) / WIDTH), math.ceil((end - origin) / WIDTH)
+        n_above = math.ceil((highest - end) / WIDTH)
+        nodes = origin + WIDTH * np.arange(-n_below, n_middle + n_above + 1)
         u, density = crowds.places(nodes)
         left, right = np.exp(first - u), np.exp(u - last)
         self.logs = u - left + right
-        self._density = width * density * (1 + left + right)
+        self._density = WIDTH * density * (1 + left + right)
         # peaks may lie at rates that overflow
         self._begin = max(n_below, int(np.searchsorted(self.logs, nearest)))
         self._end = min(n_below + n_middle + 1, int(np.searchsorted(self.logs, farthest)))

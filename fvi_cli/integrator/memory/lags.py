@@ -31,7 +31,6 @@ NEAR_LAGS = {1: 64, 2: 64, 3: 64, 4: 64, 5: 128, 6: 256}
 are at |z| >= 3, 2.3, 1.8 (p = 2, 3, 4), 1.41 and 1.158: |z|^-n is below the unit round-off."""
 _GONE = 45.0
 """An exponential that has fallen by exp(-45) = 3e-20 at that lag is left out."""
-_ACCURACY = 1e-15  # of the weights, relative
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -59,7 +58,7 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
     :mod:`fvi_cli.integrator.memory.kernel` serve.
 
     The orders are in (0, 2); order 1 is included, its weights end. N + 1 weights of steps of length
-    1 are right to 5e-14 of each. There are no rates if all lags are near.
+    1 are right to 1e-13 of each. There are no rates if all lags are near.
     """
     near, is_fractional = NEAR_LAGS[bdf_order], np.array(orders) != 1.0
     if not is_fractional.any() or n_steps <= near:
@@ -73,7 +72,6 @@ def lag_exponentials(bdf_order: int, orders: Sequence[float], n_steps: int) -> L
         final_time=float(n_steps + 1),
         stages=1,
         steps=1.0,
-        accuracy=_ACCURACY,
     )
     count = int(np.searchsorted(kernel.rates, _GONE / near, side="right"))
     rates = kernel.rates[:count]
