@@ -29,10 +29,10 @@ def block_length(engine: Engine, total: int) -> int:
     if not engine.law.is_linear:
         size, block = size // 2, 2 * block
     # tables take some B^2 operations a member, and those of a batch are larger than the cache;
-    # a stretch has eight blocks or more, since few steps are not worth one linearisation
+    # a stretch has four blocks or more, since few steps are not worth one linearisation
     pays = 4 * total if len(engine.scenes) == 1 else total / 8
     inputs = len(engine.tables.to_inputs) * engine.e * (2 if engine.law.has_rates else 1)
-    while block > 1 and (block * inputs > size or block * block > pays or 8 * block > total):
+    while block > 1 and (block * inputs > size or block * block > pays or 4 * block > total):
         block //= 2
     return block
 
