@@ -1,5 +1,7 @@
 """Buildings by lists of storeys: dampers of any law in some of them, Rayleigh's damping."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -135,3 +137,16 @@ def test_modes_of_a_large_free_structure_are_no_base_of_ratios():
             rayleigh={"ratios": [0.02, 0.05]},
             final_time=1.0,
         )
+
+
+def test_storeys_of_dampers_in_python_and_forces_beside_the_ground():
+    damper = fvi.fractional_zener(order=0.6, time=0.3, relaxed=0.5, unrelaxed=4.0)
+    data = {"storeys": 3, "final_time": 2.0, "ground_acceleration": "sin(3*t)"}
+    own = fvi.frame(**data, dampers=[replace(damper, storeys=(2,))])
+    known = build_scene(frame(storeys=3, dampers=[{"storey": 2, **LAWS[1]}]))
+    one, other = (fvi.integrate(scene, "gauss3", 48).position for scene in (own, known))
+    assert np.array_equal(one, other)
+    push = {"forcing": ["t", "0", "cos(t)"]}
+    given = (data | push, data, data | push | {"ground_acceleration": "0"})
+    both, shaken, pushed = (fvi.integrate(fvi.frame(**one), "gauss3", 48).position for one in given)
+    assert np.abs(both - shaken - pushed).max() < 1e-13
