@@ -11,13 +11,11 @@ from fvi_cli.studies.fits.settings import Amplitude, DataSet, Series
 def response_data(
     hertz: Any,
     columns: Mapping[str, Any],
-    name: str = "a",
     *,
     row: Sequence[float] = (1.0,),
     rates: Mapping[str, int] | None = None,
     force: str = "x",
     coordinates: tuple[str, ...] = ("x",),
-    changes: Mapping[str, float] | None = None,
 ) -> DataSet:
     """Columns of parts of one amplitude, by the names of the parts."""
     series = tuple(
@@ -30,10 +28,4 @@ def response_data(
         )
         for part, values in columns.items()
     )
-    return DataSet(
-        name=name,
-        series=series,
-        forces=(force,),
-        coordinates=coordinates,
-        changes={f"problem.{key}": value for key, value in (changes or {}).items()},
-    )
+    return DataSet(name="a", series=series, forces=(force,), coordinates=coordinates)

@@ -82,7 +82,7 @@ class ParameterKeys(Keys):
     """A number of the problem that is fitted."""
 
     start: float | None = key("Where the search begins; default: the value in the problem.", None)
-    from_: float | None = from_key("Lower bound; with from: 0 the logarithm is fitted.", None)
+    from_: float | None = from_key("Lower bound.", None)
     to: float | None = key("Upper bound.", None)
 
 

@@ -42,7 +42,6 @@ PARAMETERS = (
     Column("high", within=ROUGH, get="one.high"),
     Column("", "95 % from", get=lambda of: _end(of.one, of.one.low)),
     Column("", "to", get=lambda of: _end(of.one, of.one.high)),
-    Column("at_bound", get="one.at_bound"),  # which ends are bounds of the parameter
     Column("experiment", get="result.name"),
     Column("model", get="model.model.name"),
     Column("aicc", within=ROUGH, get="model.criterion"),

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
-from fvi_cli.effects.damping import FractionalDamping
-from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import dense
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.along import Along
@@ -57,16 +55,39 @@ def predict_response(
     """
     hertz = np.unique(np.concatenate([one.times for one in data.series]))
     s = 2j * math.pi * hertz
-    if scene.prescribed is None:
-        response, slopes = _displacements(scene, s, data, parameters, ground_direction)
+
+    def load(of: Scene) -> ComplexArray:
+        names = data.coordinates
+        every = [harmonic_force(text, of, names, ground_direction) for text in data.forces]
+        return np.asarray(sum(every), complex)
+
+    def forces(scenes: list[Scene]) -> ComplexArray:
+        """T q of scenes at the amplitudes, less the load."""
+        found = []
+        for one in scenes:
+            parts = DynamicStiffness(one)
+            every: Any = zip(parts.symbols(s).T, parts.forms, strict=True)  # dense or sparse
+            total = sum(symbol[:, None] * (form @ amplitudes.T).T for symbol, form in every)
+            found.append(total if is_given else total - load(one))
+        return np.array(found)
+
+    if is_given := scene.prescribed is not None:
+        # the force of a unit displacement, without that of the mass
+        amplitudes = np.ones((s.size, 1), complex)
+        response = forces([scene])[0] - s[:, None] ** 2 * dense(scene.inertia.form)
+        slopes = np.zeros((len(parameters), *response.shape), complex)
+        slopes += by_rule(scene, parameters, MATRICES, forces)
     else:
-
-        def stiffnesses(scenes: list[Scene]) -> ComplexArray:
-            return np.array([_damper_stiffness(one, s) for one in scenes])
-
-        response = stiffnesses([scene])[0][:, None]
-        slopes = np.zeros((len(parameters), *response.shape), dtype=complex)
-        slopes[..., 0] += by_rule(scene, parameters, MATRICES, stiffnesses)
+        stiffness = DynamicStiffness(scene)
+        try:
+            solvers = [stiffness.solver(one) for one in s.tolist()]
+            response = amplitudes = np.array([solve(load(scene)) for solve in solvers])
+        except np.linalg.LinAlgError:
+            raise ValueError("a mode without damping lies at a measured frequency") from None
+        pushed = np.zeros((len(parameters), *response.shape), complex)
+        pushed -= by_rule(scene, parameters, MATRICES, forces)
+        every = zip(solvers, pushed.transpose(1, 2, 0), strict=True)
+        slopes = np.array([solve(one) for solve, one in every]).transpose(2, 0, 1)
     predicted = []
     for series in data.series:
         amplitude = series.amplitude
@@ -77,63 +98,6 @@ def predict_response(
         changes = factor[:, None] * (slopes[:, places] @ amplitude.row).T
         predicted.append(_part(amplitude, values, changes))
     return predicted
-
-
-def _displacements(
-    scene: Scene,
-    s: ComplexArray,
-    data: DataSet,
-    parameters: Sequence[Parameter],
-    ground_direction: Any,
-) -> tuple[ComplexArray, ComplexArray]:
-    """Amplitudes ``(n, d)``, and their derivatives by p parameters, ``(p, n, d)``."""
-
-    def force(of: Scene) -> Array:
-        names = data.coordinates
-        every = [harmonic_force(text, of, names, ground_direction) for text in data.forces]
-        return np.asarray(sum(every))
-
-    solve = _solver(DynamicStiffness(scene), s)
-    load = force(scene).astype(complex)
-    response = solve(np.broadcast_to(load[:, None], (s.size, load.size, 1)))[..., 0]
-
-    def residuals(scenes: list[Scene]) -> ComplexArray:
-        """T q - f of scenes at these amplitudes."""
-        found = []
-        for one in scenes:
-            parts = DynamicStiffness(one)
-            symbols = parts.symbols(s)
-            every: Any = zip(symbols.T, parts.forms, strict=True)  # dense or sparse
-            total = sum(symbol[:, None] * (form @ response.T).T for symbol, form in every)
-            found.append(total - force(one))
-        return np.array(found)
-
-    left = np.zeros((len(parameters), *response.shape), dtype=complex)
-    left -= by_rule(scene, parameters, MATRICES, residuals)
-    return response, solve(left.transpose(1, 2, 0)).transpose(2, 0, 1)
-
-
-def _solver(stiffness: DynamicStiffness, s: ComplexArray) -> Callable[[ComplexArray], ComplexArray]:
-    """Solutions of T(s) x = b for every s, ``(n, d, k)``."""
-    try:
-        if not stiffness.is_sparse:
-            forms = np.stack(list(map(dense, stiffness.forms)))
-            inverse = np.linalg.inv(np.tensordot(stiffness.symbols(s), forms, axes=1))
-            return lambda right: np.asarray(inverse @ right)
-        inverses = [stiffness.solver(one) for one in s.tolist()]
-    except np.linalg.LinAlgError:
-        raise ValueError("a mode without damping lies at a measured frequency") from None
-    return lambda right: np.array([of(b) for of, b in zip(inverses, right, strict=True)])
-
-
-def _damper_stiffness(scene: Scene, s: ComplexArray) -> ComplexArray:
-    """Complex stiffness g(s) of dampers whose displacement is given, ``(n,)``."""
-    total = np.zeros(s.shape, complex)
-    every: list[FractionalDamping | Law] = [*scene.damping, *scene.laws]
-    for one in every:
-        symbols = np.array([one.symbol(at) for at in s.tolist()])
-        total += one.matrix[0, 0] * (getattr(one, "spring", 0.0) + symbols)
-    return total
 
 
 def _part(amplitude: Amplitude, values: ComplexArray, changes: ComplexArray) -> tuple[Array, Array]:

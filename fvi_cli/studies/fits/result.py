@@ -30,8 +30,6 @@ class Estimate:
     high: float = math.nan
     """The 95 % interval by profile likelihood; infinite where the data set no limit, nan where an
     end was not found."""
-    at_bound: str = ""
-    """Ends of the interval that are bounds: ``low``, ``high``, ``both``, or empty."""
     profile: Array = field(default_factory=lambda: np.zeros((0, 2)))
     """Values that were tried and signed roots of the increase of the misfit, ``(n, 2)``."""
 
@@ -60,8 +58,6 @@ class ModelFit:
     message: str = ""  # why the fit failed, or that the data do not determine all parameters
     correlations: Array = field(default_factory=lambda: np.zeros((0, 0)))  # of estimates, (p, p)
     series: tuple[SeriesFit, ...] = ()
-    misfit: float = math.inf  # sum of squares over the variance of the noise
-    is_known: bool = False  # whether the noise is given
     criterion: float = math.inf  # AICc: smaller is better
     # probability (Ljung and Box) of residuals as correlated as these if they were noise
     whiteness: float = 1.0
@@ -85,31 +81,17 @@ class ModelFit:
         if np.abs(lower).max(initial=0.0) <= ALIKE:
             return ""
         i, j = np.unravel_index(np.argmax(np.abs(lower)), lower.shape)
-        value = float(lower[i, j])
-        gain = 1.0 / math.sqrt(max(1.0 - value**2, 1e-16))
         return (
             f"{self.estimates[j].name} and {self.estimates[i].name} can hardly be separated by "
-            f"these data: correlation {value:+.4f}; were one of them known, the error of the other "
-            f"would be {gain:.0f} times smaller"
+            f"these data: correlation {float(lower[i, j]):+.4f}"
         )
 
     def _not_noise(self) -> str:
-        """Residuals that are correlated, or contradict the noise that is given."""
-        from scipy.special import chdtr, chdtrc
-
-        if self.whiteness < UNLIKELY:
-            chance = f"probability {self.whiteness:.1e}"
-            return f"the residuals are not noise ({chance}): the model is incomplete"
-        freedom = self.n_values - len(self.estimates)
-        if not self.is_known or freedom < 1 or not math.isfinite(self.misfit):
+        """Residuals that are correlated."""
+        if self.whiteness >= UNLIKELY:
             return ""
-        if min(chdtrc(freedom, self.misfit), chdtr(freedom, self.misfit)) >= UNLIKELY:
-            return ""
-        ratio = math.sqrt(self.misfit / freedom)
-        return (
-            f"the residuals are {ratio:.3g} times as large as the given noise: the intervals are "
-            f"too {'short' if ratio > 1.0 else 'long'}; write noise: auto, or another model"
-        )
+        chance = f"probability {self.whiteness:.1e}"
+        return f"the residuals are not noise ({chance}): the model is incomplete"
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

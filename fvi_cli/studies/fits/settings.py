@@ -14,8 +14,8 @@ from fvi_cli.mathematics.expressions import Expression
 
 PARTS = ("magnitude", "phase", "real", "imaginary")
 """Parts of an amplitude that can be measured; phases in degrees."""
-LEAST_SHARE, LARGEST_SHARE = 1e-12, 1e12
-"""Positive parameters without bounds of their own stay between these shares of their start."""
+INSIDE = 1e-6
+"""Distance from a bound at which a parameter counts as lying there, relative to the range."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -67,13 +67,15 @@ class DataSet:
         """Number of measured values."""
         return sum(one.values.size for one in self.series)
 
-    def until(self, time: float) -> DataSet:
-        """The data of a motion up to a time, every series with one value at least."""
+    def beginning(self, share: float) -> DataSet:
+        """The first part of the values of a motion, every series with one at least."""
         if self.forces:
             return self
+        times = np.sort(np.concatenate([one.times for one in self.series]))
+        last = times[min(self.size, max(1, math.ceil(share * self.size))) - 1]
         kept = []
         for one in self.series:
-            count = max(1, int(np.searchsorted(one.times, time, side="right")))
+            count = max(1, int(np.searchsorted(one.times, last, side="right")))
             kept.append(replace(one, times=one.times[:count], values=one.values[:count]))
         return replace(self, series=tuple(kept))
 
@@ -89,27 +91,11 @@ class FitParameter:
     high: float = math.inf
 
     @property
-    def is_positive(self) -> bool:
-        """Whether the inner parameter is the logarithm of the number."""
-        is_wide = self.low >= 0 and self.start > 0 and self.high > 100 * max(self.low, 0.0)
-        return is_wide and not self.key.endswith(".order")
-
-    def inner(self, value: float) -> float:
-        """The inner parameter, with which the fit works: the number, or its logarithm."""
-        return math.log(value) if self.is_positive else value
-
-    def outer(self, inner: float) -> float:
-        """The number of an inner parameter."""
-        return math.exp(min(inner, 700.0)) if self.is_positive else inner
-
-    @property
-    def inner_bounds(self) -> tuple[float, float]:
-        """Bounds of the inner parameter."""
-        if not self.is_positive:
-            return self.low, self.high
-        low = max(self.low, LEAST_SHARE * self.start)
-        high = self.high if self.high < math.inf else LARGEST_SHARE * self.start
-        return math.log(low), math.log(high)
+    def limits(self) -> tuple[float, float]:
+        """Where the search ends: a little inside of the bounds, where numbers are not yet 0."""
+        width = self.high - self.low
+        share = INSIDE * (width if width < math.inf else abs(self.start) or 1.0)
+        return self.low + share, self.high - share
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -132,3 +118,14 @@ class FitSettings:
     # the columns are estimated from the residuals
     deviation: float | None = None
     relative: float | None = None
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the noise is given."""
+        return self.deviation is not None or self.relative is not None
+
+    def deviations(self, series: Series) -> Array | float:
+        """Those of the values of a series; where none is given, the size of the values."""
+        if self.relative is not None:
+            return self.relative * np.abs(series.values)
+        return self.deviation or float(np.sqrt(np.mean(series.values**2))) or 1.0

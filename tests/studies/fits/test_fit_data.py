@@ -1,6 +1,5 @@
 """What can be measured: formulas of a motion, and responses to harmonic forces."""
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,8 +8,8 @@ from measured_responses import response_data
 
 import fvi_cli as fvi
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.studies.fits.model import MotionModel
-from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, Series
+from fvi_cli.studies.fits.model import Evaluation, MotionModel
+from fvi_cli.studies.fits.settings import DataSet, FitModel, FitParameter, FitSettings, Series
 
 STRUCTURE: dict[str, Any] = {
     "kind": "structure",
@@ -72,7 +71,20 @@ def model_of(specification: dict[str, Any], keys: list[str], *data: DataSet) -> 
         for key in keys
     )
     model = FitModel(name="", specification=specification, parameters=parameters)
-    return MotionModel(model, data, [1.0 for one in data for _ in one.series])
+    return MotionModel(model, FitSettings(data=data, models=(), deviation=1.0))
+
+
+def check_derivatives(model: MotionModel, at: Evaluation, share: float) -> None:
+    """Compare derivatives with differences of order four."""
+    for index, value in enumerate(model.start):
+        step = share * value * np.eye(model.start.size)[index]
+        sides = [
+            model.evaluate(model.start + k * step, with_jacobian=False).residuals
+            for k in (-2, -1, 1, 2)
+        ]
+        difference = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12 * share * value)
+        scale = np.abs(difference).max()
+        np.testing.assert_allclose(at.jacobian[:, index], difference, rtol=0, atol=1e-8 * scale)
 
 
 @pytest.mark.few(2)
@@ -91,17 +103,9 @@ def test_derivatives_of_formulas(name):
     )
     data = DataSet(name="a", series=(series,), coordinates=tuple(coordinates))
     model = model_of(specification, KEYS[name], data)
-    model.remesh(model.start, 1e-6)
+    model.remesh(model.start, 1)
     at = model.evaluate(model.start)
-    for index, value in enumerate(model.start):
-        step = 1e-3 * value * np.eye(model.start.size)[index]
-        sides = [
-            model.evaluate(model.start + k * step, with_jacobian=False).residuals
-            for k in (-2, -1, 1, 2)
-        ]
-        difference = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (12e-3 * value)
-        scale = np.abs(difference).max()
-        np.testing.assert_allclose(at.jacobian[:, index], difference, rtol=0, atol=1e-8 * scale)
+    check_derivatives(model, at, 1e-3)
 
 
 def test_formulas_are_those_of_a_run():
@@ -125,31 +129,24 @@ def test_formulas_are_those_of_a_run():
         formula=Expression.parse(FORMULAS["law"][2], variables=names),
     )
     model = model_of(SOLID, ["mass"], DataSet(name="a", series=(series,), coordinates=("x",)))
-    model.remesh(model.start, 1e-9)
+    model.remesh(model.start, 2)
     found = model.evaluate(model.start, with_jacobian=False).residuals
     np.testing.assert_allclose(found, stored, rtol=1e-7)
-
-
-def responses(parts: list[str], hertz: Any, **rates: int) -> DataSet:
-    columns = {part: np.zeros(hertz.size) for part in parts}
-    return response_data(
-        hertz,
-        columns,
-        row=(-1.0, 1.0),
-        rates=rates,
-        force="x2=2",
-        coordinates=("x1", "x2"),
-    )
 
 
 def test_a_response_and_its_derivatives():
     hertz = np.linspace(0.05, 0.9, 7)
     parts = ["real", "imaginary", "magnitude", "phase"]
-    model = model_of(
-        STRUCTURE,
-        ["mass.1.1", "damping.0.order", "damping.0.coefficient"],
-        responses(parts, hertz, magnitude=2),
+    data = response_data(
+        hertz,
+        dict.fromkeys(parts, np.zeros(7)),
+        row=(-1.0, 1.0),
+        rates={"magnitude": 2},
+        force="x2=2",
+        coordinates=("x1", "x2"),
     )
+    keys = ["mass.1.1", "damping.0.order", "damping.0.coefficient"]
+    model = model_of(STRUCTURE, keys, data)
     at = model.evaluate(model.start)
     found = at.residuals.reshape(4, 7)
     # by hand
@@ -166,16 +163,7 @@ def test_a_response_and_its_derivatives():
     np.testing.assert_allclose(found[1], by_hand.imag, rtol=1e-12)
     np.testing.assert_allclose(found[2], np.abs(s**2 * by_hand), rtol=1e-12)
     np.testing.assert_allclose(found[3], np.degrees(np.angle(by_hand)), rtol=1e-12)
-    for index, value in enumerate(model.start):
-        step = 2e-4 * value * np.eye(3)[index]
-        sides = [
-            model.evaluate(model.start + k * step, with_jacobian=False).residuals
-            for k in (-2, -1, 1, 2)
-        ]
-        difference = (sides[0] - 8 * sides[1] + 8 * sides[2] - sides[3]) / (24e-4 * value)
-        np.testing.assert_allclose(
-            at.jacobian[:, index], difference, rtol=1e-8, atol=1e-9 * np.abs(difference).max()
-        )
+    check_derivatives(model, at, 2e-4)
 
 
 RESPONSE = """\
@@ -196,20 +184,15 @@ fit:
 """
 
 
-@pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def test_a_response_gives_the_parameters_back(tmp_path):
     hertz = np.linspace(0.2, 2.5, 60)
     s = 2j * np.pi * hertz
     value = 2.0 * s**2 / (s**2 + 0.7 * s**1.4 + 40.0)
     rows = np.column_stack([hertz, np.abs(value), np.degrees(np.angle(value))])
     lines = [",".join(map(repr, row)) for row in rows.tolist()]
     (tmp_path / "frf.csv").write_text("f,m,p\n" + "\n".join(lines) + "\n")
-    return tmp_path
-
-
-def test_a_response_gives_the_parameters_back(folder):
-    (folder / "frf.yaml").write_text(RESPONSE)
-    (result,) = fvi.fit(folder / "frf.yaml")
+    (tmp_path / "frf.yaml").write_text(RESPONSE)
+    (result,) = fvi.fit(tmp_path / "frf.yaml")
     assert result.best.is_converged
     values = [one.value for one in result.best.estimates]
     np.testing.assert_allclose(values, [40.0, 1.4, 0.7], rtol=1e-8)

@@ -1,15 +1,12 @@
 """What a configuration of a fit must say, and what comes of it."""
 
-import json
 from pathlib import Path
 
 import numpy as np
 import pytest
-from command_line import fvi as here
 
 import fvi_cli as fvi
 from fvi_cli.scenes.records import inputs
-from fvi_cli.studies.fits import fitting
 
 TEXT = """\
 name: decay
@@ -41,28 +38,6 @@ def folder(tmp_path: Path) -> Path:
 def load(folder: Path, text: str = TEXT) -> fvi.LoadedConfig:
     (folder / "decay.yaml").write_text(text)
     return fvi.load(folder / "decay.yaml")
-
-
-def test_a_check_in_json_prints_json_alone(folder, monkeypatch):
-    load(folder)
-    fit, done = fitting.fit_model, {}
-
-    def once(settings, model):
-        if model.name not in done:
-            done[model.name] = fit(settings, model)
-        return done[model.name]
-
-    monkeypatch.setattr(fitting, "fit_model", once)
-    arguments = ["fit", str(folder / "decay.yaml"), "-o", str(folder / "out"), "--quiet"]
-    assert here(*arguments).exit_code == 0
-    table = folder / "out" / "tables" / "decay-fit.csv"
-    table.write_text(table.read_text().replace("problem.stiffness,", "problem.stiffness,9"))
-    done = here(*arguments, "--check", "--json")
-    assert done.exit_code == 3
-    # and the other forms of the table, which do not follow from that row
-    first, *others = json.loads(done.stdout)["differences"]
-    assert "decay-fit.csv:2: estimate" in first
-    assert all("decay-fit" in one for one in others)
 
 
 def test_a_run_that_fails_ends_a_fit_with_a_message(folder, monkeypatch):
