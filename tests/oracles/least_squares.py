@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,20 +24,6 @@ def zener_modulus(hertz: Array, unrelaxed: float, order: float, time: float) -> 
     """Complex modulus of a Cole-Cole law without relaxed modulus."""
     power = (2j * np.pi * hertz * time) ** order
     return unrelaxed * power / (1 + power)
-
-
-def viscous_motion(
-    times: Array, stiffness: float, coefficient: float, velocity: float, pull: float = 0.0
-) -> Array:
-    """x'' + c x' + k x = pull from x(0) = 1, underdamped."""
-    rest, rate = pull / stiffness, 0.5 * coefficient
-    omega = math.sqrt(stiffness - rate**2)
-    start = 1.0 - rest
-    sine = (velocity + rate * start) / omega
-    return np.asarray(
-        rest
-        + np.exp(-rate * times) * (start * np.cos(omega * times) + sine * np.sin(omega * times))
-    )
 
 
 def least(

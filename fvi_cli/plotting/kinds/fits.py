@@ -18,7 +18,6 @@ from fvi_cli.studies.fits.settings import Series
 _MOST_COLUMNS, _MOST_MODELS, _MOST_PROFILES = 3, 4, 12  # that are drawn, the first ones
 _CRITICAL = 3.841  # increase of chi squared at the ends of a 95 % interval
 _HIGHEST = 6.0
-_WIDE = 8.0  # frequencies that span this factor have a logarithmic axis
 _BEST = Look(colour=COLOURS[0], width=1.4)
 
 
@@ -51,10 +50,10 @@ def _column(result: FitResult, models: Sequence[ModelFit], index: int) -> list[P
     best = result.best.series[index]
     series, units = best.series, result.units
     label, residual = _words(series, units)
-    what = "time" if series.amplitude is None else "frequency"
-    is_wide = series.amplitude is not None and bool(series.times[-1] > _WIDE * series.times[0])
+    is_response = series.amplitude is not None
+    what, log = ("frequency", "x") if is_response else ("time", "")
     is_size = series.amplitude is not None and series.amplitude.part == "magnitude"
-    x, log = with_unit(what, units, what), "x" * is_wide
+    x = with_unit(what, units, what)
     title = best.data if len({one.data for one in result.best.series}) > 1 else ""
     name = result.best.model.name or "fitted"
     curves = [
