@@ -145,7 +145,7 @@ class MotionModel:
             return 1
         scene, _ = self.described(number, point)
         motion = scene.prescribed
-        if motion and motion.kinks:
+        if motion and motion.kinks and level:
             return halved_mesh(replace(motion, final_time=scene.final_time), HALVINGS * level)
         tolerance = TOLERANCES[level] * _size(scene)
         steps = AdaptiveSteps(tolerance=tolerance, most_steps=MOST_STEPS)
