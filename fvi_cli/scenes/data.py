@@ -165,7 +165,7 @@ def duffing(
     """
     potential: Potential = QuadraticPotential(stiffness=stiffness)
     if cubic_stiffness != 0:
-        energy = "k*x**2/2 + c*x**4/4"
+        energy = "k*x**2/2 + c*x**2*x**2/4"
         potential = _potential(("x",), energy, k=stiffness, c=cubic_stiffness)
     return make_scene([[float(mass)]], potential, **data)
 

@@ -23,6 +23,7 @@ from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.members import with_values
 from tests.oracles.linear_response import Array, match_scene
+from tests.oracles.memory_work import fractional_integral, work_along
 
 FLAGSHIP = "Gauss3"
 """The method for which all claims hold."""
@@ -35,7 +36,7 @@ METHODS: Mapping[str, Method] = {
     },
     **{f"BDF{p} (nodes)": Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in range(1, 7)},
 }
-OPTIONS = ("time", "units")
+OPTIONS = ("time", "units", "hanging")
 """Keys of a claim that are keywords of its judge."""
 
 
@@ -209,6 +210,11 @@ def error_of_difference(settings: Settings, first: Any, second: Any) -> float:
     return largest_ratio(second.position - first.position - exact, exact)
 
 
+def distance(settings: Settings, first: Any, second: Any) -> float:
+    """Largest difference of the positions of two runs."""
+    return float(np.abs(first.position - second.position).max())
+
+
 def energy_gain(settings: Settings, *runs: Any) -> float:
     """The largest energy over the energy at the start, less 1."""
     return max(float(run.energy.max() / run.energy[0] - 1.0) for run in runs)
@@ -219,6 +225,17 @@ def energy_change(settings: Settings, run: Any) -> float:
     return largest_ratio(run.energy - run.energy[0], run.energy[:1])
 
 
+def energy_defect(settings: Settings, run: Any, *, hanging: float) -> float:
+    r"""Largest :math:`|E(t) + W(t) - E(0)|` over :math:`E(0)` above `hanging`, that at rest."""
+    scene, energy = settings[0].scene, run.energy
+    velocity = scene.lagrangian.velocity(run.position, run.momentum, run.time)
+    force = np.zeros_like(velocity)
+    for term in scene.active_damping:
+        force += fractional_integral(1.0 - term.order, run.step_size, velocity) @ term.matrix
+    work = work_along(force, velocity, run.step_size)
+    return float(np.abs(energy + work - energy[0]).max() / (energy[0] - hanging))
+
+
 def called_unstable(settings: Settings, *predictions: StabilityPrediction) -> float:
     """How many runs are predicted to be unstable."""
     return sum(prediction.verdict == "unstable" for prediction in predictions)
@@ -227,8 +244,8 @@ def called_unstable(settings: Settings, *predictions: StabilityPrediction) -> fl
 JUDGES: Mapping[str, Callable[..., float]] = {
     one.__name__: one
     for one in (
-        *(error, error_over_step, error_at, difference, error_of_difference),
-        *(energy_gain, energy_change, called_unstable),
+        *(error, error_over_step, error_at, difference, error_of_difference, distance),
+        *(energy_gain, energy_change, energy_defect, called_unstable),
     )
 }
 
