@@ -20,7 +20,7 @@ from fvi_cli.integrator.observe.request import (
 from fvi_cli.integrator.observe.surface import Surface, start_objection
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.keys.mistakes import Wrong
-from fvi_cli.scenes.keys.values import plain, unknown_names
+from fvi_cli.scenes.keys.values import plain, wrong_formula
 from fvi_cli.scenes.problem import AnyProblem, Problem
 
 KEYS: Final = ("output", "quantities", "events", "impacts")
@@ -112,8 +112,8 @@ def _formula(
         words += "leave it out" if is_listed else "take another"
         report.add(words, *place[:2], of_key=True)
         return None
-    if unknown := list(unknown_names(place, text, dict.fromkeys(names))):
-        report.extend(unknown)
+    if wrong := list(wrong_formula(place, text, names)):
+        report.extend(wrong)
         return None
     found = Expression.parse(text, variables=names)
     # surfaces hold no forces

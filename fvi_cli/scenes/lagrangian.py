@@ -18,7 +18,6 @@ from fvi_cli.effects.potential import (
 )
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.observe.dampers import damper_values
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.algebra.builder import bound, derivatives, negative, terms_with
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
@@ -60,11 +59,9 @@ def lagrangian_scene(
     Raises
     ------
     ValueError
-        With a message that begins with the key: ``coordinates``, ``parameters`` or
-        ``lagrangian``.
+        For names, formulas and masses that are not allowed.
     """
     names, values = tuple(coordinates), dict(parameters or {})
-    check_names(names, values)
     velocities = tuple(map(velocity_name, names))
     try:
         expression = Expression.parse(
@@ -122,46 +119,6 @@ def double_pendulum(
         parameters={"m1": m1, "m2": m2, "l1": l1, "l2": l2, "g": gravity},
         **with_dampers(data, joints, rows, "joints"),
     )
-
-
-def check_names(
-    coordinates: Sequence[str],
-    parameters: Mapping[str, float],
-    others: Mapping[str, str] | None = None,
-) -> None:
-    """Refuse parameters whose names formulas of the motion already use.
-
-    Used are coordinates, names derived from them, t, and `others` (name to meaning).
-    """
-    taken = {TIME: "the time"}
-    for index, name in enumerate(coordinates):
-        derived = {name: "a coordinate", velocity_name(name): f"the velocity of {name}"}
-        for given in derived:
-            if given in taken:
-                raise ArgumentError(f"coordinates.{index}", f"{given!r} is {taken[given]} already")
-            _check_name(given, f"coordinates.{index}")
-        taken |= derived
-    for name in coordinates:
-        taken.setdefault(f"a{name}", f"the acceleration of {name}")
-        taken.setdefault(f"d{name}", f"the damping force on {name}")
-    taken = {**(others or {}), **taken}
-    for name in parameters:
-        if name in taken:
-            words = f"the name is {taken[name]} already; write another, such as {name}_0"
-            raise ArgumentError(f"parameters.{name}", words)
-        _check_name(name, f"parameters.{name}")
-
-
-def names_of_dampers(scene: Scene) -> dict[str, str]:
-    """Names that formulas may use for the dampers of a scene, with their meaning."""
-    return {name: f"the {one.kind} of a damper" for name, one in damper_values(scene).items()}
-
-
-def _check_name(name: str, place: str) -> None:
-    try:
-        Expression.parse("0", variables=(name,))
-    except ExpressionError as error:
-        raise ArgumentError(place, str(error)) from None
 
 
 @lru_cache(maxsize=64)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import ClassVar
 
 from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.observe.request import Observations, names_of
+from fvi_cli.errors import ArgumentError
+from fvi_cli.integrator.observe.dampers import damper_values
+from fvi_cli.integrator.observe.request import Observations, known_names, names_of
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
@@ -31,6 +34,21 @@ class Problem:
     numbers: Mapping[str, float] = field(default_factory=dict)
     # built-in quantities, such as ``base_shear``, by name, as formulas in all these names
     ready: Mapping[str, Expression] = field(default_factory=dict)
+
+    def with_parameters(self, given: Mapping[str, float]) -> Problem:
+        """The problem with further numbers.
+
+        Raises
+        ------
+        ArgumentError
+            If a name cannot be one, or means something else in formulas.
+        """
+        ready = (*self.numbers, *self.inputs, *self.ready, *damper_values(self.scene))
+        try:
+            Expression.parse("0", (*known_names(self.coordinates, ready), *given))
+        except ExpressionError as error:
+            raise ArgumentError("parameters", error.message) from None
+        return replace(self, numbers={**self.numbers, **given})
 
     @property
     def names(self) -> Observations:

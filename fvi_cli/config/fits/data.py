@@ -244,7 +244,7 @@ def _read(
             if not low <= time <= high:
                 raise DataFileError(f"{name}:{line}: {first} = {time:g} is not {allowed}")
     except DataFileError as error:
-        report.add(str(error), error.key)
+        report.add(error.message, error.key)
         return
     yield Series(times=samples.time, values=samples.values, **fields)
 

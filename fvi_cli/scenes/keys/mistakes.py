@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
-from fvi_cli.scenes.keys.advice import KEYS, VALUES
+from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 
 KeyPath = tuple[str | int, ...]
 
@@ -36,6 +36,8 @@ def refused(*found: Wrong) -> PydanticCustomError:
 
 def wrong_argument(error: ValueError, *path: str | int) -> Wrong:
     """The error of a function, at the key path that it names below another one."""
+    if isinstance(error, ExpressionError):
+        return Wrong(path, error.message, error.column)
     if not isinstance(error, ArgumentError):
         return Wrong(path, str(error))
     inner = (int(part) if part.isdecimal() else part for part in error.path)
@@ -63,8 +65,12 @@ def _mistakes(detail: ErrorDetails, known: dict[str, str]) -> Iterator[Wrong]:
     value, kind, context = detail["input"], detail["type"], detail.get("ctx", {})
     if kind == "wrong":
         yield from context["found"]
+    elif kind == "value_error":
+        yield wrong_argument(context["error"])
     elif kind == "extra_forbidden":
-        yield Wrong((), _about_key(str(detail["loc"][-1]), known), of_key=True)
+        word = str(detail["loc"][-1])
+        words = f"not known{suggestion(word, known)} (known here: {listed(known)})"
+        yield Wrong((), words, of_key=True)
     elif kind == "missing":
         yield Wrong((), f"missing: {known[str(detail['loc'][-1])]}".rstrip(".: "))
     elif kind == "form" and context["key"] and isinstance(value, dict):
@@ -84,22 +90,9 @@ def _mistakes(detail: ErrorDetails, known: dict[str, str]) -> Iterator[Wrong]:
         yield Wrong((), f"{describe(value)} is not allowed; it must {expected}{hint}")
 
 
-def _about_key(word: str, known: dict[str, str]) -> str:
-    """What to do about a key that is not known."""
-    for needed, words, advice in KEYS:
-        if needed in known and word in words.split():
-            return f"not a key here: {advice}"
-    return f"not known{suggestion(word, known)} (known here: {listed(known)})"
-
-
 def _near(value: Any, expected: str) -> str:
-    """Advice about a word that is not allowed."""
-    if not isinstance(value, str):
-        return ""
-    word = re.sub(r"[\s_]+", "-", value.strip().lower())
-    if advice := VALUES.get(word):
-        return f"; {advice}"
-    return suggestion(word, re.findall(r"[\w-]+", expected))
+    """The nearest of the words that are allowed."""
+    return suggestion(value, re.findall(r"[\w-]+", expected)) if isinstance(value, str) else ""
 
 
 def key_of(name: str, field: Any) -> str:

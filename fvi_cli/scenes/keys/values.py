@@ -27,7 +27,7 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
-from fvi_cli.errors import ArgumentError, suggestion
+from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import CONSTANTS, FUNCTION_NAMES, Expression
 from fvi_cli.scenes.keys.mistakes import (
@@ -63,8 +63,6 @@ class Keys(BaseModel):
             found = list(model.mistakes())
         except ValidationError as error:
             found = list(mistakes_of(error, cls))
-        except ArgumentError as error:
-            found = [wrong_argument(error)]
         if found:
             raise refused(*found)
         return model
@@ -210,21 +208,9 @@ def _formula(value: Any) -> str:
     if type(value) in (int, float) and math.isfinite(value):
         return number_text(value)
     if not isinstance(value, str):
-        raise refused(Wrong((), "it must be a finite number or an expression"))
-    if wrong := _syntax(value):
-        raise refused(wrong)
+        raise ValueError("it must be a finite number or an expression")
+    Expression.parse(value, tuple(sorted(names_in(value))))
     return value
-
-
-@functools.lru_cache(maxsize=1024)
-def _syntax(text: str) -> Wrong | None:
-    try:
-        Expression.parse(text, tuple(sorted(names_in(text))))
-    except ExpressionError as error:
-        return Wrong((), error.message, error.column)
-    except ValueError as error:
-        return Wrong((), str(error))
-    return None
 
 
 @functools.lru_cache(maxsize=1024)
@@ -233,16 +219,12 @@ def names_in(formula: str) -> frozenset[str]:
     return frozenset(_NAMES.findall(formula)) - FUNCTION_NAMES - CONSTANTS.keys()
 
 
-def unknown_names(path: KeyPath, formula: str, known: Mapping[str, Any]) -> Iterator[Wrong]:
-    """Names in a formula that are not known."""
-    for name in sorted(names_in(formula) - known.keys()):
-        names = list(known)
-        listed = ", ".join(names[:12]) + ", ..." * (len(names) > 12)
-        advice = suggestion(name, (*names, *CONSTANTS, *FUNCTION_NAMES))
-        advice = advice or f"; to define it write problem.parameters: {{{name}: 1.0}}"
-        column = re.search(rf"\b{name}\b", formula)
-        message = f"unknown name {name!r} (known: {listed}){advice}"
-        yield Wrong(path, message, 1 + column.start() if column else None)
+def wrong_formula(path: KeyPath, formula: str, names: Iterable[str]) -> Iterator[Wrong]:
+    """The mistake in a formula that may hold these names, if it has one."""
+    try:
+        Expression.parse(formula, tuple(names))
+    except ExpressionError as error:
+        yield wrong_argument(error, *path)
 
 
 def _square(value: list[list[float]]) -> list[list[float]]:
@@ -250,7 +232,7 @@ def _square(value: list[list[float]]) -> list[list[float]]:
     for number, row in enumerate(value):
         if len(row) != size:
             message = f"{len(row)} entries in a row of a matrix of {size} rows; it must be square"
-            raise refused(Wrong((number,), message))
+            raise ArgumentError(str(number), message)
     return value
 
 
@@ -258,7 +240,7 @@ def _increasing(value: list[Any]) -> list[Any]:
     for number in range(1, len(value)):
         if not value[number] > value[number - 1]:
             message = f"{value[number]:g} is not greater than {value[number - 1]:g} before it"
-            raise refused(Wrong((number,), message))
+            raise ArgumentError(str(number), message)
     return value
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
@@ -17,35 +16,19 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.graded import LEAST_POWER, force_power
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.data import per_coordinate
-from fvi_cli.scenes.forces import (
-    FORCING,
-    PARAMETERS,
-    Forces,
-    Parameters,
-    build_forcing,
-    by_coordinate,
-    expressions,
-    formulas_of,
-    objection,
-)
+from fvi_cli.scenes.forces import Forces, build_forcing, expressions, for_each, formulas_of
 from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     FormulaOrMany,
     Increasing,
     Keys,
+    Name,
     Positive,
     key,
-    unknown_names,
+    wrong_formula,
 )
-from fvi_cli.scenes.kinds.laws import (
-    Term,
-    check_names_of_dampers,
-    effects_of,
-    on_coordinates,
-)
-from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
+from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of, on_coordinates
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.scenes.records.matrices import MatrixFile, rows_of
 
@@ -87,25 +70,19 @@ class Kind(Keys):
     solutions: ClassVar[tuple[str, ...]] = ("exact",)
     """Keys of further functions of t."""
 
-    parameters: Parameters = PARAMETERS
+    parameters: dict[Name, float] = key(
+        "Values of names that the expressions of the problem may hold, and those of quantities, "
+        "events and impacts; problem.parameters.<name> can be swept.",
+        {},
+    )
 
     def mistakes(self) -> Iterator[Wrong]:
-        """Unknown names in formulas, and formulas that are not finite."""
-        check_names((), self.parameters)
-        final_time = getattr(self, "final_time", None) or 0.0
-        names = {"t": 0.0, **self.parameters}
+        """Unknown names in formulas."""
+        names = dict.fromkeys(("t", *self.parameters))
         for name in (*self.forces, *self.solutions):
-            given = getattr(self, name)
-            if given in ("auto", "none"):
-                continue
-            for path, formula, begin, end in formulas_of(given, (name,), final_time):
-                if unknown := list(unknown_names(path, formula, names)):
-                    yield from unknown
-                elif begin < end:
-                    is_force = name in self.forces
-                    numbers = tuple(sorted(self.parameters.items()))
-                    if words := objection(formula, numbers, begin, end, is_force=is_force):
-                        yield Wrong(path, words)
+            for path, formula in formulas_of(getattr(self, name), (name,)):
+                if formula not in ("auto", "none"):
+                    yield from wrong_formula(path, formula, names)
 
     @abstractmethod
     def build_problem(self) -> AnyProblem:
@@ -128,7 +105,12 @@ class SceneKind(Kind):
     derivative: Literal["caputo", "riemann-liouville"] = key(
         "caputo: D acts on q - q(0) (orders above 1: also - q'(0) t).", "caputo"
     )
-    forcing: Forces = FORCING
+    forcing: Forces = key(
+        "Force f(t): number or expression in t, one per coordinate, {pieces: [...]}, {at: {x3: "
+        "...}} for some coordinates, or samples, {file: force.csv, column: f}.",
+        "0",
+        unit="mass length per time^2",
+    )
     initial: Initial = key("Position and velocity at t = 0.", Initial())
     final_time: Positive = FINAL_TIME
     break_points: Increasing[Positive] | None = key(
@@ -162,32 +144,20 @@ class SceneKind(Kind):
         files = [one for one in self._matrices() if isinstance(one, MatrixFile)]
         sparse = any(is_sparse(one.form) for one in files)
         effects = effects_of(self.damping, on_coordinates(names, sparse=sparse))
-        data: dict[str, Any] = {
-            "final_time": self.final_time,
-            "damping": effects,
-            "initial_position": _vector(self.initial.position, names, "initial.position"),
-            "initial_velocity": _vector(self.initial.velocity, names, "initial.velocity"),
-            "derivative": self.derivative,
-        }
-        data |= {name: self._driver(name, names) for name in self.forces}
-        try:
-            scene = self.make_scene(**data)
-        except ArgumentError as error:
-            key = re.sub("^initial_(position|velocity)", r"initial.\1", error.key)
-            raise ArgumentError(key, error.message, at_key=error.at_key) from None
+        scene = type(self).make(
+            **self.own(),
+            final_time=self.final_time,
+            damping=effects,
+            initial_position=self._start("position"),
+            initial_velocity=self._start("velocity"),
+            derivative=self.derivative,
+            **{name: self._force(name) for name in self.forces},
+        )
         if self.break_points:
             force = scene.forcing or Forcing.from_text(*("0",) * scene.dimension)
             scene = replace(scene, forcing=force.cut(self.break_points))
         check_names_of_dampers((*scene.damping, *scene.laws), "damping")
-        if self.parameters:
-            taken = dict.fromkeys(self.ready_quantities(), "a ready quantity")
-            taken |= dict.fromkeys({*self.forces} - {"forcing"}, "what drives the motion")
-            check_names(names, self.parameters, taken | names_of_dampers(scene))
         return scene
-
-    def make_scene(self, **data: Any) -> Scene:
-        """The scene from its own keys and the shared arguments `data`."""
-        return type(self).make(**self.own(), **data)
 
     def own(self) -> dict[str, Any]:
         """The values of its own keys, with effects for dampers."""
@@ -199,47 +169,44 @@ class SceneKind(Kind):
             found[name] = effects_of(found[name], on, name, before=before)
         return found
 
-    def _driver(self, name: str, names: tuple[str, ...]) -> Forcing | None:
-        return build_forcing(
-            getattr(self, name),
-            len(names) if name == "forcing" else 1,
-            name,
-            final_time=self.final_time,
-            names=names,
-            parameters=self.parameters,
-        )
+    def _force(self, name: str) -> Forcing | None:
+        names = self.coordinate_names() if name == "forcing" else ("",)
+        return build_forcing(getattr(self, name), names, name, self.final_time, self.parameters)
+
+    def _start(self, name: str) -> Array:
+        given = getattr(self.initial, name)
+        names, place = self.coordinate_names(), f"initial.{name}"
+        return np.array(for_each(given, names, place, lambda one, _: float(one)))
 
     def build_problem(self) -> Problem:
         """The scene with its exact solution if that is known."""
-        scene = self.build_scene()
+        scene, names = self.build_scene(), self.coordinate_names()
         power = force_power(scene, at_start=True)
         if power is not None and power < LEAST_POWER:
             reason = f"begins like t**{power:g}; steps take powers from {LEAST_POWER} on"
             raise ArgumentError("forcing", reason)
         exact: Callable[[Array], Array] | None = None
-        source = "unknown"
-        if self.exact == "none":
-            source = "none"
-        elif self.exact != "auto":
-            components = expressions(self.exact, scene.dimension, "exact", self.parameters)
-            exact, source = ForcingPiece(components=components).evaluate, "expression"
+        source = {"auto": "unknown", "none": "none"}.get(str(self.exact), "expression")
+        if source == "expression":
+            components = expressions(self.exact, names, "exact", self.parameters)
+            exact = ForcingPiece(components=components).evaluate
             _check_start(exact, scene)
-        ground = [name for name in self.forces if name != "forcing"]
-        return Problem(
+        problem = Problem(
             kind=self.kind,
             scene=scene,
             exact=exact,
             exact_source=source,
-            equation=_with_laws(self.equation, scene),
-            coordinates=self.coordinate_names(),
-            inputs={name: self._driver(name, ()) for name in ground},
+            equation=self.equation,
+            coordinates=names,
+            inputs={name: self._force(name) for name in self.forces if name != "forcing"},
             numbers=self.numbers(),
             ready=self.ready_quantities(),
         )
+        return problem.with_parameters(self.parameters)
 
     def numbers(self) -> Mapping[str, float]:
-        """Numbers by their names in expressions along a motion."""
-        return self.parameters
+        """Numbers of the kind by their names in expressions along a motion."""
+        return {}
 
     def ready_quantities(self) -> Mapping[str, Expression]:
         """Formulas of built-in quantities by name."""
@@ -257,19 +224,3 @@ def _check_start(exact: Callable[[Array], Array], scene: Scene) -> None:
     if np.abs(values[0] - start).max() > START_TOLERANCE * np.abs([*values, start]).max():
         at, begin = values[0].round(6).tolist(), start.round(6).tolist()
         raise ArgumentError("exact", f"is {at} at t = 0, but initial.position is {begin}")
-
-
-def _with_laws(equation: str, scene: Scene) -> str:
-    """The equation of a scene, with moduli G if its damping has relaxation laws."""
-    if not scene.laws or "G(D)" in equation:
-        return equation
-    both = r"sum mu D^gamma \1 + sum G(D) \1" if scene.damping else r"sum G(D) \1"
-    return re.sub(r"sum mu D\^gamma (\w+)", both, equation)
-
-
-def _vector(value: object, names: tuple[str, ...], place: str) -> Array:
-    """A vector ``(d,)`` from one number, a list, or numbers of some coordinates (others are 0)."""
-    if isinstance(value, NumbersAt):
-        given = by_coordinate(value.at, names, f"{place}.at")
-        return np.array([given.get(name, 0.0) for name in names])
-    return per_coordinate(np.asarray(value), len(names), place)

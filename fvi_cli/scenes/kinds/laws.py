@@ -71,7 +71,7 @@ class Springpot(Damper):
     """A term mu D^gamma q."""
 
     law: Literal["springpot"] = key("Which law; the default.", "springpot", exclude=True)
-    order: Order = key("Order gamma of the derivative; of bagley-torvik by default 1.5.", 1.0)
+    order: Order = key("Order gamma of the derivative.", 1.0)
     coefficient: NumberOrMatrix = key(
         "Factor mu, a number, a symmetric matrix or {file: C.mtx}.", unit=_FACTOR
     )

@@ -18,7 +18,6 @@ from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import BY_FORM, Positive, key
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of, on_coordinates
-from fvi_cli.scenes.lagrangian import check_names, names_of_dampers
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.samples import Samples
 
@@ -63,11 +62,7 @@ class Material(Kind):
         """The displacement."""
         final_time = float(self.final_time or 0.0)
         displacement = build_forcing(
-            self.displacement,
-            1,
-            "displacement",
-            final_time=final_time,
-            parameters=self.parameters,
+            self.displacement, (COORDINATE,), "displacement", final_time, self.parameters
         )
         if displacement is None:
             raise ArgumentError("displacement", "it is constant; give a displacement that changes")
@@ -97,12 +92,11 @@ class Material(Kind):
             damping=cast(Any, effects),
             prescribed=motion,
         )
-        check_names((COORDINATE,), self.parameters, names_of_dampers(scene))
-        return Problem(
+        problem = Problem(
             kind=self.kind,
             scene=scene,
             exact_source="none",
             equation=self.equation,
             coordinates=(COORDINATE,),
-            numbers=self.parameters,
         )
+        return problem.with_parameters(self.parameters)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from fvi_cli.scenes.data import duffing, kepler, pendulum
 from fvi_cli.scenes.keys.values import NotNegative, Pair, Positive, key
@@ -32,23 +32,9 @@ class DampedOscillator(SceneKind):
 
 
 class BagleyTorvik(DampedOscillator):
-    """A linear equation with damping of order 3/2, by default."""
+    """A linear equation with damping of order 1/2 or 3/2."""
 
     kind: Literal["bagley-torvik"] = key("Which equation.", "bagley-torvik")  # type: ignore[assignment]
-
-    @model_validator(mode="before")
-    @classmethod
-    def _fill_order(cls, values: Any) -> Any:
-        terms = values.get("damping") if isinstance(values, dict) else None
-        if not isinstance(terms, list):
-            return values
-        usual = [
-            {"order": 1.5, **one}
-            if isinstance(one, dict) and one.get("law", "springpot") == "springpot"
-            else one
-            for one in terms
-        ]
-        return {**values, "damping": usual}
 
 
 class Pendulum(SceneKind):

@@ -19,7 +19,8 @@ from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive, key
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.laws import Term
-from fvi_cli.scenes.records.matrices import NumberOrMatrix, PositiveOrMatrix, Vector
+from fvi_cli.scenes.kinds.oscillators import DampedOscillator
+from fvi_cli.scenes.records.matrices import Vector
 from fvi_cli.scenes.records.samples import Column
 from fvi_cli.scenes.structures import (
     Ends,
@@ -27,7 +28,6 @@ from fvi_cli.scenes.structures import (
     chain,
     frame,
     string,
-    structure,
 )
 
 USUAL_STOREYS: Final = 3
@@ -37,17 +37,12 @@ RAYLEIGH: Final = key(
 )
 
 
-class Structure(SceneKind):
+class Structure(DampedOscillator):
     """A structure by its matrices."""
 
     equation = "M x'' + sum mu D^gamma x + K x = f(t) - M r a(t)"
-    make = staticmethod(structure)
     forces = ("forcing", "ground_acceleration")
-    kind: Literal["structure"] = key("Which equation.", "structure")
-    mass: PositiveOrMatrix = key("M: a matrix, {file: M.mtx} or a number.", unit="unit of mass")
-    stiffness: NumberOrMatrix = key(
-        "K: a matrix, {file: K.mtx} or a number.", unit="mass per time^2"
-    )
+    kind: Literal["structure"] = key("Which equation.", "structure")  # type: ignore[assignment]
     rayleigh: Rayleigh | None = RAYLEIGH
     ground_acceleration: TimeFunction = GROUND_ACCELERATION
     ground_direction: Annotated[float | list[float] | Vector, BY_FORM] = key(
@@ -159,12 +154,9 @@ class FrameKind(SceneKind):
         }
 
     def numbers(self) -> Mapping[str, float]:
-        """The parameters, and ``mass_1``, ..., the masses of the storeys."""
+        """The masses of the storeys, ``mass_1``, ..."""
         each = np.broadcast_to(self._masses()[1], self.count()).tolist()
-        masses = {f"mass_{n}": one for n, one in enumerate(each, start=1)}
-        if taken := masses.keys() & self.parameters.keys():
-            raise ArgumentError(f"parameters.{min(taken)}", "is the mass of a storey; take another")
-        return {**masses, **self.parameters}
+        return {f"mass_{n}": one for n, one in enumerate(each, start=1)}
 
     def ready_quantities(self) -> Mapping[str, Expression]:
         """Drifts, absolute accelerations (with the ground), and the force of the foundation."""

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, model_validator
 
 from fvi_cli.errors import ArgumentError, excerpt, suggestion
-from fvi_cli.scenes.keys.mistakes import Wrong, refused
 from fvi_cli.scenes.keys.values import Keys, key
 
 LARGEST_TEXT: Final = 20_000_000
@@ -23,12 +22,11 @@ PLACE: Final = ("file", "column", "time", "decimal", "variable")
 _KEPT: Final[dict[str, NDArray[Any]]] = {}
 
 
-class DataFileError(Exception):
+class DataFileError(ArgumentError):
     """A file cannot be used: what is wrong, at a key."""
 
     def __init__(self, message: str, key: str = "file") -> None:
-        self.key = key
-        super().__init__(message)
+        super().__init__(key, message)
 
 
 def read_content(path: Path, name: str, largest: int) -> bytes:
@@ -89,13 +87,10 @@ class FromFile(Keys):
         where = (type(self), path, *(getattr(self, name, None) for name in PLACE[1:]))
         name = excerpt(self.file, 200)
         if where not in known:
-            try:
-                known[where] = keep_numbers(self.read(path, name))
-            except DataFileError as error:
-                raise refused(Wrong((error.key,), str(error))) from None
+            known[where] = keep_numbers(self.read(path, name))
         if self.digest not in (None, known[where]):
             message = f"{name} has changed; leave digest out to take what it holds"
-            raise refused(Wrong(("digest",), message))
+            raise DataFileError(message, "digest")
         self.__dict__["digest"] = known[where]
         self.__pydantic_fields_set__.add("digest")
         return self

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
-from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.keys.values import BY_FORM, key
 from fvi_cli.scenes.records.csv_samples import (
     SUFFIX,
@@ -72,19 +71,9 @@ class Samples(FromFile):
             )
         return np.column_stack([time, values])
 
-    def component(self, final_time: float) -> SampledForce:
-        """The component of a force; refuses samples that do not reach over [0, T]."""
-        first, last = self.numbers[[0, -1], 0].tolist()
-        slack = 1e-9 * final_time
-        ends_early = last < final_time - slack and self.beyond != "zero"
-        if first > slack or ends_early:
-            hint = "; write beyond: zero for no force after them, or final_time: "
-            raise ArgumentError(
-                "file",
-                f"the samples of {self.file} reach from t = {first:g} to {last:g}; they must "
-                f"reach from 0 to final_time = {final_time:g}"
-                + ("" if first > slack else f"{hint}{last:g}"),
-            )
+    @property
+    def component(self) -> SampledForce:
+        """The component of a force."""
         factor = STANDARD_GRAVITY if self.scale == "g" else float(self.scale)
         source = f"{self.column or 'acceleration'} of {self.file}"
         return _through(str(self.digest), factor, self.interpolation, source)
