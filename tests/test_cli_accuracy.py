@@ -41,7 +41,7 @@ def stored(tmp_path, name="tuned"):
     with h5py.File(tmp_path / "results" / f"{name}.h5") as file:
         cases = file[name]
         return [
-            read_attributes(group.id)
+            read_attributes(group)
             for runs in cases.values()
             for name, group in runs.items()
             if name != "convergence"

@@ -61,7 +61,7 @@ def list_runs(path: Path | str) -> StoredFile:
     provenance: dict[str, Any] = {}
     for source in store.sources():
         with opened(source) as file:
-            provenance |= read_attributes(file.id)
+            provenance |= read_attributes(file)
             texts = read_plain(file, SETTINGS)
             # those that are asked for stand first
             for experiment, name, variant in experiments_in(file):

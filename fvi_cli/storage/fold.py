@@ -35,7 +35,7 @@ def experiments_in(file: h5py.File | h5py.Group) -> Iterator[tuple[h5py.Group, s
     """Group, name and digest of the settings of every experiment, first of those at the root."""
     for name, node in children(file):
         if VARIANT in node.attrs:
-            yield node, name, str(read_attributes(node.id, [VARIANT])[VARIANT])
+            yield node, name, str(read_attributes(node, VARIANT)[VARIANT])
     for _, kept in children(file[KEPT]) if KEPT in file else ():
         yield from experiments_in(kept)
 
@@ -107,7 +107,7 @@ class _Folded:
                 place = self._place(name, variant)
                 self._append_runs(source, experiment, place)
                 if place in self._file:
-                    write_attributes(self._file[place].id, {VARIANT: variant})
+                    write_attributes(self._file[place], {VARIANT: variant})
             if REFERENCES in own:
                 self._append_runs(source, own[REFERENCES], f"/{REFERENCES}")
             for above in (CONFIGURATION, SETTINGS, INPUTS):

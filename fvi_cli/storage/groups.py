@@ -76,14 +76,14 @@ def identities_in(group: h5py.Group) -> list[str]:
     """The identities of the runs of a group, row by row."""
     if IDENTITY in group:
         return [one.decode() for one in group[IDENTITY][()].tolist()]
-    return [str(read_attributes(group.id, [IDENTITY])[IDENTITY])]
+    return [str(read_attributes(group, IDENTITY)[IDENTITY])]
 
 
 def keys_in(group: h5py.Group) -> tuple[str, ...]:
     """The swept keys of a group of members; empty: it has a single run."""
     if not h5a.exists(group.id, SWEPT.encode()):
         return ()
-    return tuple(json.loads(read_attributes(group.id, [SWEPT])[SWEPT]))
+    return tuple(json.loads(read_attributes(group, SWEPT)[SWEPT]))
 
 
 # --- writing --------------------------------------------------------------------------------------
@@ -127,7 +127,7 @@ class GroupWriter:
         self._rows[path] = {}
         for name, values in record.arrays.items():
             put(group, name, values, long_name=meaning(name))
-        write_attributes(group.id, record.values)
+        write_attributes(group, record.values)
 
     def _write_members(self, path: str, records: Sequence[Record]) -> None:
         if path not in self._rows:
@@ -151,7 +151,7 @@ class GroupWriter:
                 put(group, name, longest, grows=True, long_name=meaning(name))
         if is_new:
             common = {name: first.values[name] for name in OF_GROUP if name in first.values}
-            write_attributes(group.id, {SWEPT: list(first.keys), **common})
+            write_attributes(group, {SWEPT: list(first.keys), **common})
 
 
 def _column(values: Sequence[Any]) -> NDArray[Any]:
@@ -187,7 +187,7 @@ def read_records(
     """
     keys, path = keys_in(group), str(group.name)
     nodes = _own_datasets(group, keys, "" if motions or keys else "events/")
-    common = {name: _value(name, one) for name, one in read_attributes(group.id).items()}
+    common = {name: _value(name, one) for name, one in read_attributes(group).items()}
     if not keys:
         yield [Record(path, common, {name: node[()] for name, node in nodes.items()})]
         return

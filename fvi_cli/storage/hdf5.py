@@ -17,11 +17,10 @@ from typing import Any, Final
 
 import h5py
 import numpy as np
-from h5py import h5a, h5ds, h5g, h5p, h5s, h5t
+from h5py import h5a, h5ds, h5g, h5p, h5t
 from numpy.typing import NDArray
 
 from fvi_cli.errors import StorageError
-from fvi_cli.storage.files import reason
 
 CREATOR: Final = "fvi-cli"
 FORMAT: Final = 6
@@ -56,13 +55,13 @@ OTHER_VERSION: Final = (
     "and run again"
 )
 
+STRANGER: Final = (
+    "{path}: is no result file of fvi; it is left as it is: move it away, or choose another name "
+    "or --output"
+)
 
 Source = Path | bytes
 """A file, or the content of one in memory."""
-
-
-class DamagedFileError(StorageError):
-    """HDF5 cannot read a part of a file, or finds a wrong checksum in it."""
 
 
 @contextlib.contextmanager
@@ -71,10 +70,8 @@ def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
 
     Raises
     ------
-    DamagedFileError
-        Where HDF5 cannot read it; `part` names what is read.
     StorageError
-        For files that this version has not written.
+        Where HDF5 cannot read `part` of it, and for files that this version has not written.
     """
     if isinstance(source, Path) and source.is_dir():
         raise StorageError(f"{source}: is a folder, not a result file")
@@ -94,27 +91,19 @@ def damage_named(source: Source, part: str) -> Iterator[None]:
     except FileNotFoundError:
         raise
     except _READ_ERRORS as error:
-        if isinstance(error, PermissionError):
-            raise StorageError(f"{_name_of(source)}: cannot be read: {reason(error)}") from None
         if isinstance(source, Path) and not h5py.is_hdf5(source):
-            raise DamagedFileError(
-                f"{source}: is no result file of fvi (not HDF5, or cut off); move it away, or "
-                "choose another name or --output"
-            ) from error
-        raise DamagedFileError(
+            raise StorageError(STRANGER.format(path=source)) from error
+        raise StorageError(
             f"{_name_of(source)}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in "
             "other parts are whole; move the file away, and its runs are computed again"
         ) from error
 
 
 def _refuse_strangers(file: h5py.File, source: Source) -> None:
-    root = {name: file.attrs[name] for name in ("creator", "format") if name in file.attrs}
-    if root.get("creator") not in (CREATOR, CREATOR.encode()) or "format" not in root:
-        raise StorageError(
-            f"{_name_of(source)}: was not written by fvi; it is left as it is: move it away, or "
-            "choose another name or --output"
-        )
-    if root["format"] != FORMAT:
+    creator, number = file.attrs.get("creator"), file.attrs.get("format")
+    if creator not in (CREATOR, CREATOR.encode()) or number is None:
+        raise StorageError(STRANGER.format(path=_name_of(source)))
+    if number != FORMAT:
         version = file.attrs.get("fvi_version", "another version")
         version = version.decode() if isinstance(version, bytes) else version
         raise StorageError(OTHER_VERSION.format(path=_name_of(source), version=version))
@@ -147,7 +136,7 @@ def put(
     shape = values.shape if rows is None else (max(rows) + 1, *values.shape[1:])
     if name not in group:
         _create(group, name, shape, values.dtype, grows=grows)
-        write_attributes(group[name].id, attributes)
+        write_attributes(group[name], attributes)
     node = _fitting(group, name, shape, values.dtype)
     if values.dtype.kind == "S":
         # HDF5 converts no text without the name of its encoding
@@ -229,41 +218,34 @@ def as_text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
 
 
-def write_attributes(node: Any, attributes: Mapping[str, Any]) -> None:
+def write_attributes(node: h5py.HLObject, attributes: Mapping[str, Any]) -> None:
     """Write attributes: text of fixed length, and numbers."""
     for name, value in attributes.items():
         if isinstance(value, str | list | tuple | Mapping):
-            data = np.array(as_text(value).encode(), dtype="S")
+            text = as_text(value).encode()
+            kind = h5py.string_dtype("utf-8", max(1, len(text)))
+            node.attrs.create(name, np.bytes_(text), dtype=kind)
         else:
-            data = np.asarray(value)
-            data = data.astype("<i8" if data.dtype.kind in "iub" else "<f8")
-        is_text = data.dtype.kind == "S"
-        named = h5py.string_dtype("utf-8", data.dtype.itemsize) if is_text else data.dtype
-        kind = h5t.py_create(named, logical=True)
-        space = h5s.create_simple(data.shape) if data.ndim else h5s.create(h5s.SCALAR)
-        if h5a.exists(node, name.encode()):
-            h5a.delete(node, name.encode())
-        h5a.create(node, name.encode(), kind, space).write(data, mtype=kind)
+            node.attrs[name] = value
 
 
-def read_attributes(node: Any, names: Sequence[str] = ()) -> dict[str, Any]:
+def read_attributes(node: h5py.HLObject, *names: str) -> dict[str, Any]:
     """Some attributes of an object, or all that are of the types which this program writes."""
     found: dict[str, Any] = {}
     wanted = [name.encode() for name in names]
     if not wanted:
-        h5a.iterate(node, lambda name: wanted.append(name))
+        h5a.iterate(node.id, lambda name: wanted.append(name))
     for name in wanted:
-        one = h5a.open(node, name)
+        # h5py's own interface takes twice the time
+        one = h5a.open(node.id, name)
         kind = one.get_type()
-        form = kind.get_class()
-        if form == h5t.STRING and not kind.is_variable_str():
-            held = np.empty(one.shape, dtype=f"S{kind.get_size()}")
-        elif form in (h5t.FLOAT, h5t.INTEGER):
-            held = np.empty(one.shape, dtype=one.dtype)
-        else:
+        form, size = kind.get_class(), one.get_storage_size()
+        is_text = form == h5t.STRING and not kind.is_variable_str()
+        if not (is_text or form in (h5t.FLOAT, h5t.INTEGER)) or kind.get_size() != size:
             continue
+        held = np.empty((), dtype=f"S{size}" if is_text else kind.dtype)
         one.read(held, mtype=kind)
-        value = held.tolist()
+        value = held.item()
         found[name.decode()] = value.decode() if isinstance(value, bytes) else value
     return found
 
@@ -287,7 +269,7 @@ def datasets(group: h5py.Group) -> Iterator[tuple[str, h5py.Dataset]]:
 
 def write_root(file: h5py.File, origin: Mapping[str, str]) -> None:
     """Write the attributes of the root by which a result file is known."""
-    write_attributes(file.id, {"creator": CREATOR, "format": FORMAT, **origin})
+    write_attributes(file, {"creator": CREATOR, "format": FORMAT, **origin})
 
 
 def write_plain(file: h5py.File, path: str, arrays: Mapping[str, str | NDArray[Any]]) -> None:

@@ -52,7 +52,7 @@ def _write(group: h5py.Group, table: ModeTable) -> None:
         put(group, name, np.asarray(values))
     counted = -1 if table.counted is None else table.counted
     complete = "yes" if table.is_complete else "no"
-    write_attributes(group.id, {"member": table.member, "counted": counted, "complete": complete})
+    write_attributes(group, {"member": table.member, "counted": counted, "complete": complete})
     of_mode = dict.fromkeys(columns, ("mode",))
     of_shapes = dict.fromkeys(("shape_real", "shape_imaginary"), ("mode", "dof"))
     attach_scales(group, of_mode | of_shapes | {"coordinate": ("dof",)})

@@ -86,7 +86,7 @@ def _image(
         for path, arrays in (plain or {}).items():
             write_plain(file, path, arrays)
         for experiment, variant in (variants or {}).items():
-            write_attributes(file[experiment].id, {VARIANT: variant})
+            write_attributes(file[experiment], {VARIANT: variant})
         file.flush()
         return bytes(file.id.get_file_image())
 
