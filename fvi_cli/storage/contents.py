@@ -16,13 +16,14 @@ from fvi_cli.storage.fields import field_named
 from fvi_cli.storage.fold import experiments_in
 from fvi_cli.storage.groups import OF_GROUP, read_records, run_groups
 from fvi_cli.storage.hdf5 import opened, read_attributes, read_plain
-from fvi_cli.storage.identity import INPUT
 from fvi_cli.storage.parts import SETTINGS
 from fvi_cli.storage.store import Store, StoredConfiguration
 from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words
 
 _CONFIG_KEYS: Final = {"norm": "report.norm", "store_every": "store.every"}
 _ABSENT: Final = object()
+MOST_WORDS: Final = 12
+"""Most settings that are said to differ."""
 COUNTED: Final = ("status", "predicted")
 """Values of members that are counted in a line for all."""
 
@@ -102,7 +103,9 @@ def difference_in_words(base: Mapping[str, Any], own: Mapping[str, Any]) -> str:
         for key, value in after.items()
         if before.get(key, _ABSENT) != value
     ]
-    return ", ".join([*texts, *(f"no {key}" for key in before if key not in after)])
+    texts += [f"no {key}" for key in before if key not in after]
+    more = f"and {len(texts) - MOST_WORDS} more"
+    return ", ".join(texts[:MOST_WORDS] + [more] * (len(texts) > MOST_WORDS))
 
 
 def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
@@ -113,4 +116,4 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         for index, inner in enumerate(value):
             yield from _leaves(inner, f"{path}.{index}")
     else:
-        yield _CONFIG_KEYS.get(path, path).removesuffix(f".{INPUT}"), value
+        yield _CONFIG_KEYS.get(path, path), value

@@ -43,7 +43,8 @@ def part_name(first: Run, identities: Iterable[str]) -> str:
 def part_of(runs: Sequence[Run], finished: Sequence[FinishedRun]) -> bytes:
     """The part of finished runs, which were asked for as `runs`."""
     records = [_record(run, one) for run, one in zip(runs, finished, strict=True)]
-    variants = {run.experiment.name: variant_of(run) for run in runs}
+    first = {run.experiment: run for run in runs}
+    variants = {one.name: variant_of(run) for one, run in first.items()}
     settings = {f"{SETTINGS}/{variant}": {"settings": text} for variant, text in variants.values()}
     return _image(records, settings, {name: variant for name, (variant, _) in variants.items()})
 
