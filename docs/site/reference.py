@@ -12,7 +12,7 @@ from keys import configuration_reference
 
 from fvi_cli.cli.app import app
 from fvi_cli.cli.command import COMMANDS
-from fvi_cli.storage.fields import AXES, FIELDS
+from fvi_cli.storage.fields import FIELDS
 
 PAGES = Path(__file__).parents[1] / "reference"
 BEGIN, END = "<!-- begin generated -->\n", "<!-- end generated -->\n"
@@ -72,8 +72,7 @@ def files() -> str:
         for one in FIELDS.values()
         if one.axes
     ]
-    lines += ["", "`*` is a name of your own. Axes have dimension scales of the same name.", ""]
-    lines += [f"- `{name}`: {meaning}" for name, meaning in AXES.items()]
+    lines += ["", "`*` is a name of your own. Axes have dimension scales of the same name."]
     lines += [
         "",
         "## Attributes of a run",

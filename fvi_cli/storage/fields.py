@@ -171,20 +171,6 @@ FIELDS: Final[dict[str, Field]] = {one.name: one for one in (
           lambda f: f.run.experiment.accuracy and f.run.experiment.accuracy.relative),
 )}  # fmt: skip
 
-CLASSES: Final[Mapping[str, type]] = {
-    "measured": Measured,
-    "trajectory.assessment": Assessment,
-    "trajectory.diagnostics": Diagnostics,
-}
-"""Classes by the path at which they stand in a finished run."""
-
-AXES: Final[Mapping[str, str]] = {
-    "dof": "degree of freedom",
-    "step": "step",
-    "stage": "stage of a step",
-}
-"""Axes that have no values of their own."""
-
 _NOTHING: Final[Mapping[str, NDArray[Any]]] = {"time": np.zeros(0), "position": np.zeros((0, 1))}
 """Arrays of a run that is read without its motion."""
 
@@ -200,14 +186,6 @@ def axes_of(name: str) -> tuple[str, ...]:
     """The axes of an array, which follow from its name; empty for a value."""
     found = field_named(name)
     return () if found is None else tuple(_named(name, axis) for axis in found.axes)
-
-
-def meaning_of(name: str) -> str:
-    """The meaning of an attribute, array or axis, for readers of the file."""
-    found = field_named(name)
-    if found is None:
-        return AXES.get(name, name.replace("_", " "))
-    return _named(name, found.meaning)
 
 
 def _named(name: str, text: str) -> str:
@@ -258,25 +236,23 @@ def finished_of(
     Without arrays the run has no points. Errors are stored in all norms: where the experiment asks
     for another one, the run is judged anew.
     """
-    objects: dict[str, dict[str, Any]] = {"": {}, "trajectory": {}}
-    for name, value in (*values.items(), *({**_NOTHING, **arrays}).items()):
-        place = _place(name)
-        if place is not None:
-            own = tuple(value) if isinstance(value, list) else value
-            objects.setdefault(place[0], {})[place[1]] = own
-    trajectory = objects.pop("trajectory")
+    tree: dict[str, Any] = {}
+    for name, value in {**values, **_NOTHING, **arrays}.items():
+        node, path = tree, _place(name)
+        for part in path[:-1]:
+            node = node.setdefault(part, {})
+        for last in path[-1:]:
+            node[last] = tuple(value) if isinstance(value, list) else value
+    trajectory = tree.pop("trajectory")
     if not run.experiment.observations.is_empty:
-        trajectory["observed"] = _observed(objects, values, arrays)
-    if "trajectory.diagnostics" in objects:
-        objects["trajectory.diagnostics"]["time"] = arrays[MESH]
-    for path, made in CLASSES.items():
-        own = objects.get(path, {})
-        # members of a sweep have nan where others have a value
-        if not all(isinstance(one, float) and math.isnan(one) for one in own.values()):
-            trajectory[path.rpartition(".")[2]] = made(**own)
-    measured = trajectory.pop("measured", None)
+        trajectory["observed"] = _observed(trajectory.pop("observed", {}), values, arrays)
+    if "diagnostics" in trajectory:
+        trajectory["diagnostics"]["time"] = arrays[MESH]
+        trajectory["diagnostics"] = Diagnostics(**trajectory["diagnostics"])
+    trajectory["assessment"] = _made(Assessment, trajectory.get("assessment", {}))
+    measured = _made(Measured, tree.pop("measured", {}))
     motion = Trajectory(**trajectory, steps=steps_in(run, arrays))
-    found = FinishedRun(run=run, trajectory=motion, measured=measured, **objects[""])
+    found = FinishedRun(run=run, trajectory=motion, measured=measured, **tree)
     if measured is None or values["norm"] == run.experiment.norm:
         return found
     # most commands read runs in the norm that they have, and need not wait for this import
@@ -286,34 +262,25 @@ def finished_of(
 
 
 @functools.lru_cache(maxsize=4096)
-def _place(name: str) -> tuple[str, str] | None:
-    """The path of an object, and its attribute, to which a value is read back."""
+def _place(name: str) -> tuple[str, ...]:
+    """The attribute path to which a value is read back; empty: none."""
     one = field_named(name)
-    if one is None or callable(one.at):
-        return None
-    above, _, last = _named(name, one.at).rpartition(".")
-    return above, last
+    return () if one is None or callable(one.at) else tuple(_named(name, one.at).split("."))
+
+
+def _made(kind: Callable[..., Any], own: Mapping[str, Any]) -> Any:
+    """An object, or None; members of a sweep have nan where others have a value."""
+    is_there = not all(isinstance(one, float) and math.isnan(one) for one in own.values())
+    return kind(**own) if is_there else None
 
 
 def _observed(
-    objects: dict[str, dict[str, Any]],
-    values: Mapping[str, Any],
-    arrays: Mapping[str, NDArray[Any]],
+    found: Mapping[str, Any], values: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> Observed:
-    """The quantities and events, which are taken out of `objects`."""
-    path = "trajectory.observed"
-    events = f"{path}.events."
-    return Observed(
-        mesh=arrays.get(MESH, arrays.get(TIME, _NOTHING[TIME])),
-        quantities=objects.pop(f"{path}.quantities", {}),
-        extents=extents_in(values),
-        events={
-            one[len(events) :]: Occurrences(**objects.pop(one))
-            for one in [*objects]
-            if one.startswith(events)
-        },
-        **objects.pop(path, {}),
-    )
+    """The quantities and events."""
+    mesh = arrays.get(MESH, arrays.get(TIME, _NOTHING[TIME]))
+    events = {name: Occurrences(**one) for name, one in found.get("events", {}).items()}
+    return Observed(**{**found, "mesh": mesh, "events": events, "extents": extents_in(values)})
 
 
 def extents_in(values: Mapping[str, Any]) -> dict[str, Extent]:

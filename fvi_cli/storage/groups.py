@@ -19,7 +19,6 @@ from h5py import h5a
 from numpy.typing import NDArray
 
 from fvi_cli.storage.fields import COUNTS, OCCURRENCE, TIME, axes_of, field_named
-from fvi_cli.storage.fields import meaning_of as meaning
 from fvi_cli.storage.hdf5 import (
     FILL,
     as_text,
@@ -126,7 +125,7 @@ class GroupWriter:
         group = make_group(self.file, path)
         self._rows[path] = {}
         for name, values in record.arrays.items():
-            put(group, name, values, long_name=meaning(name))
+            put(group, name, values)
         write_attributes(group, record.values)
 
     def _write_members(self, path: str, records: Sequence[Record]) -> None:
@@ -139,16 +138,16 @@ class GroupWriter:
         for name in dict.fromkeys(name for one in records for name in one.values):
             if name not in OF_GROUP:
                 column = _column([one.values.get(name) for one in records])
-                put(group, name, column, rows, grows=True, long_name=meaning(name))
+                put(group, name, column, rows, grows=True)
         for name in dict.fromkeys(name for one in records for name in one.arrays):
             own = [one.arrays.get(name) for one in records]
             if not _is_shared(name):
-                put(group, name, _padded(own), rows, grows=True, long_name=meaning(name))
+                put(group, name, _padded(own), rows, grows=True)
                 continue
             # all members have the longest coordinate in common
             longest = max((one for one in own if one is not None), key=len)
             if name not in group or len(group[name]) < len(longest):
-                put(group, name, longest, grows=True, long_name=meaning(name))
+                put(group, name, longest, grows=True)
         if is_new:
             common = {name: first.values[name] for name in OF_GROUP if name in first.values}
             write_attributes(group, {SWEPT: list(first.keys), **common})

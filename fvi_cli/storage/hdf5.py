@@ -127,7 +127,6 @@ def put(
     rows: Sequence[int] | None = None,
     *,
     grows: bool = False,
-    **attributes: Any,
 ) -> None:
     """Write a dataset, or some `rows` of one that grows; it is made where it is missing.
 
@@ -136,7 +135,6 @@ def put(
     shape = values.shape if rows is None else (max(rows) + 1, *values.shape[1:])
     if name not in group:
         _create(group, name, shape, values.dtype, grows=grows)
-        write_attributes(group[name], attributes)
     node = _fitting(group, name, shape, values.dtype)
     if values.dtype.kind == "S":
         # HDF5 converts no text without the name of its encoding
