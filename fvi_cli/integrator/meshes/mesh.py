@@ -158,8 +158,10 @@ def mesh_through(times: Array, sizes: Array, ends: Places, breaks: Sequence[floa
 
 def are_near(times: Array, breaks: Sequence[float]) -> Mask:
     """Which of the times are break points, but for round-off, ``(n,)``."""
-    away = np.abs(times[:, None] - np.array(breaks))
-    return np.asarray((away <= ON_GRID * times[:, None]).any(axis=1))
+    known = np.sort([-math.inf, *breaks, math.inf])
+    after = np.searchsorted(known, times)
+    away = np.minimum(times - known[after - 1], known[after] - times)
+    return np.asarray(away <= ON_GRID * times)
 
 
 def share_steps(ends: Sequence[float], n_steps: int) -> Array:

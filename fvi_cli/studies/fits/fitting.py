@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -77,8 +78,10 @@ def _weighted(model: MotionModel, point: Array) -> Found:
             break
         point, before, model.deviations = best.point, model.deviations, _noise(model, best)
         pairs = zip(model.deviations, before, strict=True)
-        if max(abs(float(new / old - 1.0)) for new, old in pairs) < ENOUGH:
-            break
+        ratios = [float(new / old) for new, old in pairs]
+        if max(ratios) < (1.0 + ENOUGH) * min(ratios):
+            # the columns weigh as before
+            return replace(best, at=model.evaluate(point))
     return best
 
 
