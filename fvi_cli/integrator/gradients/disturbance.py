@@ -16,6 +16,7 @@ from fvi_cli.integrator.balances import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.gradients.parameters import Parameter, by_rule, energy_of
 from fvi_cli.integrator.loads import StepLoads
+from fvi_cli.integrator.observe.dampers import forces_along
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
@@ -45,7 +46,8 @@ def disturbance(run: LinearisedRun, parameters: Sequence[Parameter]) -> Disturba
 
     def of_memory(scenes: list[Scene]) -> Array:
         initial = [_loads_of(run, one, "of_initial_data") for one in scenes]
-        every = zip(run.forces_of(scenes, steps.velocity), initial, strict=True)
+        forces = forces_along(scenes, run.method, [steps] * len(scenes))
+        every = zip(forces, initial, strict=True)
         return np.array([own - run.loads_by(0.0 * force, force) for force, own in every])
 
     loads += by_rule(scene, parameters, (*MEMORY, "initial_position"), of_memory)
