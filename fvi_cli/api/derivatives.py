@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -13,7 +13,6 @@ from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.integrator.gradients.gradient import gradient_of
 from fvi_cli.integrator.gradients.parameters import (
     Described,
-    Entry,
     Parameter,
     entries_of,
     parameter_of,
@@ -53,11 +52,11 @@ class Gradient:
 
 
 def gradient(
-    scene: Subject | Callable[..., Subject],
+    scene: Subject,
     method: Method | str,
     steps: AnySteps,
     quantity: Quantity,
-    parameters: Sequence[str] | Mapping[str, float] | None = None,
+    parameters: Sequence[str] | None = None,
 ) -> Gradient:
     """Derivatives of one number of a run, by its linearised discrete equations.
 
@@ -68,8 +67,7 @@ def gradient(
     ----------
     scene
         A :class:`fvi_cli.Scene`, a :class:`fvi_cli.Problem`, or an :class:`fvi_cli.Experiment` with
-        its ``quantities``; or a function that makes one of these from the parameters, which are
-        its keyword arguments.
+        its ``quantities``.
     method
         A Runge-Kutta method that takes any mesh, or the name of one.
     steps
@@ -79,13 +77,11 @@ def gradient(
         :func:`fvi_cli.acceleration_at`, :func:`fvi_cli.quantity_at` for an expression or a quantity
         of the experiment, or :func:`fvi_cli.misfit`. Expressions may contain the parameters.
     parameters
-        For a scene names of its numbers: ``mass``, ``stiffness``, ``damping.0.order``,
+        Names of numbers of the scene: ``mass``, ``stiffness``, ``damping.0.order``,
         ``damping.0.coefficient``, ``initial_position``, ``initial_velocity``,
         ``potential.<parameter>``, ``lagrangian.<parameter>``, ``forcing.<parameter>``,
         ``laws.0.order`` and similar; for an experiment also the ``parameters`` of its problem by
         their names, wherever these stand; None: all of them.
-        For a function its arguments with their values: they may change numbers with names, no
-        numbers inside the text of formulas.
 
     Raises
     ------
@@ -106,36 +102,24 @@ def gradient(
             f"{excerpt(repr(quantity))} is none; write fvi.position_at(time), "
             "fvi.quantity_at(expression, time) or fvi.misfit(times, data)",
         )
+    described = own, names = _described(scene)
+    entries, named = entries_of(*described), dict[str, float]()
+    if isinstance(scene, Experiment):
+        named = dict(scene.problem_specification.get("parameters", {}))
+    known = (*entries, *named)
+    chosen = known if parameters is None else parameters
+    if unknown := [name for name in chosen if name not in known]:
+        raise ValueError(
+            f"parameters: {', '.join(map(repr, unknown))}; give some of {', '.join(known)}"
+        )
     changes: dict[str, list[Parameter]] = {}
-    entries: Mapping[str, Entry] = {}
-    if isinstance(scene, Scene | Problem | Experiment):
-        described = _described(scene, {})
-        entries, named = entries_of(*described), dict[str, float]()
-        if isinstance(scene, Experiment):
-            named = dict(scene.problem_specification.get("parameters", {}))
-        known = (*entries, *named)
-        unknown = [name for name in parameters or () if name not in known]
-        if unknown or isinstance(parameters, Mapping):
-            raise ValueError(
-                f"parameters: {', '.join(map(repr, unknown)) or 'a mapping'} for a scene; give "
-                f"a list of some of {', '.join(known)}"
-            )
-        for name in known if parameters is None else parameters:
-            if isinstance(scene, Experiment) and name in named:
-                family = partial(_with_parameter, scene, name)
-                changes[name] = [parameter_of(name, family, float(named[name]), described)]
-            else:
-                changes[name] = [entries[name].parameter(index) for index in entries[name].indices]
-    elif isinstance(parameters, Mapping):
-        values = {name: float(value) for name, value in parameters.items()}
-        described = _described(scene(**values), values)
-        for name, value in values.items():
-            family = partial(_made, scene, values, name)
-            changes[name] = [parameter_of(name, family, value, described)]
-    else:
-        raise ValueError("parameters: give the arguments of the function with their values")
-    every = [one for own in changes.values() for one in own]
-    own, names = described
+    for name in chosen:
+        if isinstance(scene, Experiment) and name in named:
+            family = partial(_with_parameter, scene, name)
+            changes[name] = [parameter_of(name, family, float(named[name]), described)]
+        else:
+            changes[name] = [entries[name].parameter(index) for index in entries[name].indices]
+    every = [one for each in changes.values() for one in each]
     value, found = gradient_of(own, as_method(method), steps, quantity, every, names)
     rates = iter(found.tolist())
     derivatives = {}
@@ -149,16 +133,16 @@ def _with_parameter(experiment: Experiment, name: str, value: float) -> Describe
     """An experiment with another value of one of the parameters of its problem."""
     given = experiment.problem_specification
     problem = build_problem({**given, "parameters": {**given["parameters"], name: value}})
-    return _described(replace(experiment, problem=problem), {})
+    return _described(replace(experiment, problem=problem))
 
 
-def _described(subject: Subject, values: Mapping[str, float]) -> Described:
-    """The scene, and the names in expressions; those of the motion hide arguments."""
+def _described(subject: Subject) -> Described:
+    """The scene, and the names in expressions; those of the motion hide its parameters."""
     problem: object = subject.problem if isinstance(subject, Experiment) else subject
+    parameters: Mapping[str, float] = {}
     if isinstance(problem, Scene):
         scene, names = problem, Observations(coordinates=names_of(problem))
-        energy = scene.lagrangian or scene.potential
-        values = {**getattr(energy, "parameters", {}), **values}
+        parameters = getattr(scene.lagrangian or scene.potential, "parameters", {})
     elif isinstance(problem, Problem):
         scene, names = problem.scene, problem.names
     else:
@@ -167,13 +151,6 @@ def _described(subject: Subject, values: Mapping[str, float]) -> Described:
         if subject.observations.impacts:
             raise ValueError("impacts: a motion that bounces has no derivatives here")
         names = replace(names, quantities=subject.observations.quantities)
-    taken = {*known_names(names.coordinates), *names.inputs, *FUNCTION_NAMES, "pi"}
-    own = {name: value for name, value in values.items() if name not in taken}
+    taken = {*known_names(names.coordinates), *FUNCTION_NAMES, "pi"}
+    own = {name: value for name, value in parameters.items() if name not in taken}
     return scene, replace(names, parameters={**names.parameters, **own})
-
-
-def _made(
-    family: Callable[..., Subject], values: Mapping[str, float], name: str, value: float
-) -> Described:
-    changed = {**values, name: value}
-    return _described(family(**changed), changed)

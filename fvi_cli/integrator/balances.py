@@ -46,7 +46,7 @@ from fvi_cli.integrator.trajectory import Diagnostics
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.lagrange import lobatto_basis
 
-PIECE = 64  # most equal steps that are computed together
+PIECE = 16  # most equal steps that are computed together
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -62,7 +62,7 @@ class DampingAlong:
         damping, q, found = self.damping, len(self.inputs), []
         for tables, driven, states, column in self._replay(PIECE):
             if tables is not None:
-                count = tables.count
+                count = driven.shape[1] // self.inputs.shape[2]
                 force = damping.past(tables, states, column, count)
                 force = force + damping.present(tables, driven, count)
                 found.append(force.reshape(q, count, -1, force.shape[-1]))
@@ -89,13 +89,14 @@ class DampingAlong:
         """
         damping, (q, _, i, e) = self.damping, self.inputs.shape
         states, column = damping.start()
-        known: dict[tuple[float, int], Kernels] = {}
+        known: dict[float, Kernels] = {}
         done = 0
         for one in self.mesh.stretches:
             for first in range(0, one.n_steps, longest):
                 count = min(longest, one.n_steps - first)
-                key = one.step_size, count
-                tables = known[key] = known.get(key) or damping.tables(*key)
+                tables = known.get(one.step_size)
+                if tables is None or tables.count < count:
+                    tables = known[one.step_size] = damping.tables(one.step_size, count)
                 driven = self.inputs[:, done : done + count].reshape(q, count * i, e)
                 yield tables, driven, states, column
                 states = tables.push(states, driven, count)
@@ -110,7 +111,7 @@ def damping_along(
 
     None without damping.
     """
-    mesh = steps[0].mesh(scenes[0].break_points)
+    mesh = steps[0].mesh(())
     damping = damping_of(
         scenes,
         method,

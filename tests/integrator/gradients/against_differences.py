@@ -1,7 +1,8 @@
 """Derivatives by all numbers of a scene beside central differences of whole runs."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,10 +10,12 @@ import numpy as np
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.gradient import gradient_of
-from fvi_cli.integrator.gradients.parameters import Parameter, entries_of, moved
+from fvi_cli.integrator.gradients.parameters import Parameter, entries_of, moved, parameter_of
 from fvi_cli.integrator.gradients.quantity import Quantity
-from fvi_cli.integrator.method import Method
+from fvi_cli.integrator.method import Method, as_method
+from fvi_cli.integrator.observe.request import Observations, names_of
 from fvi_cli.integrator.run.on_mesh import AnySteps
+from fvi_cli.scenes.problem import Problem
 
 
 def changes(scene: Scene, *names: str) -> list[Parameter]:
@@ -20,6 +23,33 @@ def changes(scene: Scene, *names: str) -> list[Parameter]:
     entries = entries_of(scene)
     chosen = [entries[name] for name in names or entries]
     return [one.parameter(index) for one in chosen for index in one.indices]
+
+
+def by_function(
+    family: Callable[..., Scene | Problem],
+    method: str,
+    steps: AnySteps,
+    quantity: Quantity,
+    values: Mapping[str, float],
+) -> dict[str, float]:
+    """Derivatives by the arguments of a function that makes scenes, which expressions may name."""
+
+    def described(**own: float) -> tuple[Scene, Observations]:
+        made = family(**own)
+        if isinstance(made, Problem):
+            return made.scene, made.names
+        return made, Observations(coordinates=names_of(made), parameters=own)
+
+    def with_one(name: str, value: float) -> tuple[Scene, Observations]:
+        return described(**{**values, name: value})
+
+    scene, names = described(**values)
+    every = [
+        parameter_of(name, partial(with_one, name), value, (scene, names))
+        for name, value in values.items()
+    ]
+    _, found = gradient_of(scene, as_method(method), steps, quantity, every, names)
+    return dict(zip(values, found.tolist(), strict=True))
 
 
 def changed(scene: Scene, name: str, value: np.ndarray) -> Scene:
