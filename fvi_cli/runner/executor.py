@@ -29,6 +29,8 @@ AHEAD = 2
 """Batches for each worker that are sent before they are needed."""
 DASK_WORKERS = 64
 """Workers of a scheduler for which batches are sent ahead; more of them wait a moment."""
+LONGEST_WAIT = 0.2
+"""Seconds between looks for Ctrl-C."""
 CONNECTION_SECONDS = 20.0
 """Longest wait for an answer of a Dask scheduler, which may be slow on a busy machine."""
 
@@ -72,24 +74,44 @@ def _drain(
     """Compute until nothing waits, or the pool is broken, and note the batches without result."""
     futures: dict[Future[bytes], Batch] = {}
     try:
-        while True:
-            for batch in itertools.islice(waiting, most - len(futures)):
-                futures[pool.submit(compute_packed, packed(batch))] = batch
-            if not futures:
-                return
-            for future in wait(futures, return_when=FIRST_COMPLETED).done:
-                batch = futures.pop(future)
-                error = future.exception()
-                if error is None:
-                    yield batch, future.result()
-                elif isinstance(error, Exception) and not isinstance(error, BrokenExecutor):
-                    failed[batch] = error
-                else:
-                    raise error
+        with _noted_signals() as signals:
+            while not signals:
+                for batch in itertools.islice(waiting, most - len(futures)):
+                    futures[pool.submit(compute_packed, packed(batch))] = batch
+                if not futures:
+                    return
+                for future in wait(futures, LONGEST_WAIT, FIRST_COMPLETED).done:
+                    batch = futures.pop(future)
+                    error = future.exception()
+                    if error is None:
+                        yield batch, future.result()
+                    elif isinstance(error, Exception) and not isinstance(error, BrokenExecutor):
+                        failed[batch] = error
+                    else:
+                        raise error
+        raise KeyboardInterrupt
     except BrokenExecutor as error:
         failed |= dict.fromkeys([batch, *futures.values()], error)
     except CancelledError:
         raise ExecutorError("the Dask scheduler is gone; run the command again to go on") from None
+
+
+@contextlib.contextmanager
+def _noted_signals() -> Iterator[list[int]]:
+    """Signals to end that come meanwhile: an exception would leave locks of futures closed."""
+    noted: list[int] = []
+    if threading.current_thread() is not threading.main_thread():
+        yield noted
+        return
+    usual = {
+        number: signal.signal(number, lambda number, frame: noted.append(number))
+        for number in (signal.SIGINT, signal.SIGTERM)
+    }
+    try:
+        yield noted
+    finally:
+        for number, handler in usual.items():
+            signal.signal(number, handler)
 
 
 @contextlib.contextmanager
