@@ -49,8 +49,6 @@ class SteppingRow(NamedTuple):
     stepping: float
     setup: float
     error: float
-    growth: float  # log of the ratio of times over that of N, from 2^14 steps on
-    operations_per_step: float
 
     @property
     def is_met(self) -> bool:
@@ -89,19 +87,14 @@ def measure_stepping(case: SteppingCase, repeats: int) -> SteppingRow:
     yardstick = yardstick_seconds(2 * n_steps)
     runs = [integrate(scene, case.method, n_steps) for _ in range(repeats)]
     seconds = min(one.stepping_seconds for one in runs)
-    error = growth = math.nan
+    error = math.nan
     if case.is_linear:
         error = float(np.abs(runs[0].position[:, 0] - runs[0].time ** 4).max())
-    if case.exponent > 14:
-        before = [integrate(scene, case.method, 2**14).stepping_seconds for _ in range(repeats)]
-        growth = math.log2(seconds / min(before)) / (case.exponent - 14)
     return SteppingRow(
         case=case,
         stepping=seconds / yardstick,
         setup=min(one.setup_seconds for one in runs) / yardstick,
         error=error,
-        growth=growth,
-        operations_per_step=runs[0].history_operations / n_steps,
     )
 
 
@@ -112,11 +105,11 @@ def run_stepping(exponent: int = 20) -> list[SteppingRow]:
 
 def stepping_table(rows: Sequence[SteppingRow]) -> str:
     """The table, times as multiples of the yardstick."""
-    head = "case, N, stepping, at most, set-up, error, at most, growth"
+    head = "case, N, stepping, at most, set-up, error, at most, met"
     return table(
         "Times are multiples of one `scipy.fft.rfft` of length 2N on the same core; linear is "
         "x = t^4 on [0, 1].",
-        [*head.split(", "), "operations per step", "met"],
+        head.split(", "),
         [
             (
                 f"{'linear' if case.is_linear else 'pendulum'}, order {case.order:g}, "
@@ -127,8 +120,6 @@ def stepping_table(rows: Sequence[SteppingRow]) -> str:
                 number(row.setup, ".1f"),
                 number(row.error, ".1e"),
                 number(case.largest_error, ".0e"),
-                number(row.growth, ".2f"),
-                number(row.operations_per_step, ".0f"),
                 "yes" if row.is_met else "no",
             )
             for row in rows

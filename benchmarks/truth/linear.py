@@ -131,7 +131,10 @@ def response(random: Random, words: list[str]) -> Claims:
     unit = units.lengths[at] * units.lengths[0] / units.energy
 
     def magnitude(w: Array) -> Array:
-        inverse = np.linalg.inv(structure.dynamic(1j * np.asarray(w, dtype=complex)))
+        try:
+            inverse = np.linalg.inv(structure.dynamic(1j * np.asarray(w, dtype=complex)))
+        except np.linalg.LinAlgError as error:
+            raise UnjudgedError("a mode that is not damped") from error
         return np.asarray(np.abs(inverse[:, at, 0]))
 
     printed = np.abs(table.values[:, 0]) / unit
