@@ -210,7 +210,7 @@ def _negative_factors(kind: Kind) -> Iterator[Wrong]:
                     if factor < 0:
                         yield Wrong((*place, key), f"{factor:g} is negative")
                 elif factor is not None:
-                    form = factor.form if isinstance(factor, MatrixFile) else np.array(factor)
+                    form = factor.value if isinstance(factor, MatrixFile) else np.array(factor)
                     if not is_semidefinite(form):
                         yield Wrong((*place, key), "the matrix has a negative eigenvalue")
 

@@ -15,7 +15,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws import Law
-from fvi_cli.effects.matrices import Factored, SparseMatrix
+from fvi_cli.effects.matrices import Factored, SparseMatrix, is_sparse, sparse_unit
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -27,12 +27,15 @@ from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
+Effect = FractionalDamping | Law
+"""A damping term or a law."""
+
 
 class SceneData(TypedDict, total=False):
     r"""Keyword arguments of all scenes."""
 
     final_time: Required[float]
-    damping: Sequence[FractionalDamping | Law]
+    damping: Sequence[Effect]
     laws: Sequence[Law]
     forcing: Forcing | str | Sequence[str] | None
     initial_position: ArrayLike
@@ -48,7 +51,8 @@ final_time
 damping
     Terms :math:`\mu D^\gamma q` of the equation of motion, and relaxation laws: a list of
     :class:`fvi_cli.FractionalDamping`, and of what ``fvi.fractional_zener``,
-    ``fvi.fractional_maxwell`` and ``fvi.prony`` return.
+    ``fvi.fractional_maxwell`` and ``fvi.prony`` return. Coefficients are symmetric matrices, or
+    numbers for every coordinate.
 laws
     Further laws.
 forcing
@@ -98,6 +102,9 @@ def make_scene(
     """The scene of a mass matrix, shape ``(d, d)`` or a number, and its other effects."""
     inertia = Inertia(mass=mass)
     given: dict[str, Any] = {**data, "forcing": given_force(data.get("forcing"))}
+    for name in ("damping", "laws"):
+        forces = dampers_of(given.get(name, ()), name)
+        given[name] = [_on_coordinates(one, inertia, name) for one in forces]
     for name in ("initial_position", "initial_velocity"):
         given[name] = per_coordinate(given.get(name, 0.0), inertia.dimension, name)
     return Scene(
@@ -110,6 +117,17 @@ def make_scene(
     )
 
 
+def _on_coordinates(force: Effect, inertia: Inertia, name: str) -> Effect:
+    """A force with a matrix; a number as its coefficient stands for every coordinate."""
+    if force.factored is None and force.storeys:
+        raise ArgumentError(name, "a storey is one of dampers between parts, with a number")
+    if force.dimension != 1 or inertia.dimension == 1:
+        return force
+    size = inertia.dimension
+    unit = sparse_unit(size) if is_sparse(inertia.form) else np.eye(size)
+    return replace(force, coefficient=force.matrix[0, 0] * unit)
+
+
 def per_coordinate(value: ArrayLike, size: int, name: str) -> Array:
     """A vector ``(size,)``: equal numbers from one number, or the given ones."""
     vector = np.asarray(value, dtype=float)
@@ -117,10 +135,6 @@ def per_coordinate(value: ArrayLike, size: int, name: str) -> Array:
     if vector.shape != (size,):
         raise ArgumentError(name, f"{size} numbers are needed, got {vector.tolist()}")
     return vector
-
-
-Effect = FractionalDamping | Law
-"""A damping term or a law."""
 
 
 def with_dampers(

@@ -33,9 +33,6 @@ from fvi_cli.scenes.data import (
     with_dampers,
 )
 
-Parts = tuple[dict[str, Any], tuple[Expression, ...] | None]
-"""Arguments of :func:`make_scene` and the forces of a Lagrangian; None where all forces are 0."""
-
 
 @scene_function
 def lagrangian_scene(
@@ -61,30 +58,28 @@ def lagrangian_scene(
     ValueError
         For names, formulas and masses that are not allowed.
     """
-    names, values = tuple(coordinates), dict(parameters or {})
+    names, d = tuple(coordinates), len(coordinates)
     velocities = tuple(map(velocity_name, names))
     try:
         expression = Expression.parse(
-            lagrangian, variables=(*names, *velocities, TIME), constants=values
+            lagrangian, variables=(*names, *velocities, TIME), constants=dict(parameters or {})
         )
-        effects, forces = _recognise(names, velocities, expression)
+        effects = dict(_recognise(names, velocities, expression))
     except ExpressionError as error:
         raise ArgumentError("lagrangian", str(error)) from None
     if "mass" not in effects:
-        position = per_coordinate(data.get("initial_position", 0.0), len(names), "initial_position")
-        velocity = per_coordinate(data.get("initial_velocity", 0.0), len(names), "initial_velocity")
-        mass = effects["lagrangian"].derivatives(position, velocity, 0.0).mass
-        effects = {**effects, "mass": mass}
-    if forces is not None:
+        position = per_coordinate(data.get("initial_position", 0.0), d, "initial_position")
+        velocity = per_coordinate(data.get("initial_velocity", 0.0), d, "initial_velocity")
+        effects["mass"] = effects["lagrangian"].derivatives(position, velocity, 0.0).mass
+    if (own := effects.pop("forcing", None)) is not None:
         given = given_force(data.get("forcing"))
-        own = Forcing(pieces=(ForcingPiece(components=forces),))
         data["forcing"] = own if given is None else given.plus(own)
     try:
         return make_scene(**effects, coordinates=names, **data)
     except ArgumentError as error:
-        if error.key != "mass":
-            raise
-        raise ArgumentError("lagrangian", f"its mass matrix d2L/dv2: {error.message}") from None
+        if error.key == "mass":
+            error.key = "lagrangian"
+        raise
 
 
 @scene_function
@@ -124,33 +119,29 @@ def double_pendulum(
 @lru_cache(maxsize=64)
 def _recognise(
     names: tuple[str, ...], velocities: tuple[str, ...], expression: Expression
-) -> Parts:
-    parameters = dict(expression.constants)
+) -> Mapping[str, Any]:
+    """The effects of a Lagrangian as arguments of :func:`make_scene`."""
+    parameters, kinks = dict(expression.constants), expression.system.kinked
     general = Lagrangian(coordinates=names, value=expression.system, parameters=parameters)
     d, every = len(names), (*names, *velocities, TIME)
-    kinks = expression.system.kinked
     masses = general.second[2 * d : 2 * d + d * d]
     mass = None if kinks & set(velocities) else _matrix(masses, parameters, every)
-    if mass is None:
-        return {"lagrangian": general}, None
     at_rest = dict.fromkeys(velocities, 0.0)
-    separated = None
     try:
         momenta = bound(general.first[:d], at_rest).constants(parameters, every)
-        if momenta is not None and not any(momenta):
-            separated = _separate(general, at_rest, is_smooth=not kinks & set(names))
+        if mass is not None and momenta is not None and not any(momenta):
+            parts = _separate(general, at_rest, is_smooth=not kinks & set(names))
+            if parts is not None:
+                return {"mass": mass, **parts}
     except ExpressionError:
         # the Lagrangian has no value at rest
         pass
-    if separated is None:
-        return {"lagrangian": general}, None
-    parts, forces = separated
-    return {"mass": mass, **parts}, forces
+    return {"lagrangian": general}
 
 
 def _separate(
     general: Lagrangian, at_rest: Mapping[str, float], *, is_smooth: bool
-) -> Parts | None:
+) -> dict[str, Any] | None:
     """V(q), the linear potential c - f q, and f(t), with V + c - f q - f(t) q = -L at rest.
 
     None where L has no such form.
@@ -167,7 +158,8 @@ def _separate(
         potential = QuadraticPotential(stiffness=-stiffness) if np.any(stiffness) else None
         loads = bound(forces, origin)
         linear = _linear(static, loads, origin, parameters)
-        return {"potential": potential, "linear_potential": linear}, _forces(loads, parameters)
+        forcing = _forces(loads, parameters)
+        return {"potential": potential, "linear_potential": linear, "forcing": forcing}
     moving = derivatives(timed, along)[1:]
     rest = derivatives(moving, along)[len(names) :].constants(parameters, (*names, TIME))
     if rest is None or any(rest) or timed.kinked & set(names):
@@ -175,7 +167,7 @@ def _separate(
     variables = (*names, *parameters)
     energy = Expression("the potential energy", variables, system=negative(static))
     smooth = ExpressionPotential(coordinates=names, energy_expression=energy, parameters=parameters)
-    return {"potential": smooth}, _forces(bound(moving, origin), parameters)
+    return {"potential": smooth, "forcing": _forces(bound(moving, origin), parameters)}
 
 
 def _linear(
@@ -196,17 +188,16 @@ def _linear(
     return LinearPotential(offset=-values[0], force=np.array(force))
 
 
-def _forces(
-    system: FormulaSystem, parameters: Mapping[str, float]
-) -> tuple[Expression, ...] | None:
-    """Forces in t; None where all are 0."""
+def _forces(system: FormulaSystem, parameters: Mapping[str, float]) -> Forcing | None:
+    """The force in t; None where it is 0."""
     if system.constants(parameters, (TIME,)) == [0.0] * len(system.outputs):
         return None
     constants = tuple(sorted(parameters.items()))
-    return tuple(
+    components = tuple(
         Expression("the force in the Lagrangian", (TIME,), constants, system[k : k + 1])
         for k in range(len(system.outputs))
     )
+    return Forcing(pieces=(ForcingPiece(components=components),))
 
 
 def _matrix(

@@ -37,7 +37,7 @@ from fvi_cli.scenes.data import (
 )
 from fvi_cli.scenes.keys.values import BY_FORM, Fraction, Keys, NotNegative, Order, Pair, key
 from fvi_cli.scenes.records.inputs import kept_numbers
-from fvi_cli.scenes.records.matrices import Vector, matrix_of
+from fvi_cli.scenes.records.matrices import matrix_of
 
 LARGEST_DENSE: Final = 200
 """Storeys up to which matrices are dense; taller structures are not stepped by modes."""
@@ -136,7 +136,7 @@ def structure(
     stiffness: object = 1.0,
     rayleigh: object = None,
     ground_acceleration: Forcing | str | None = None,
-    ground_direction: ArrayLike | Vector = 1.0,
+    ground_direction: ArrayLike = 1.0,
     **data: Unpack[SceneData],
 ) -> Scene:
     r"""Scene of a linear equation, or of a structure by its matrices, shaken by the ground.
@@ -173,7 +173,7 @@ def structure(
     return make_scene(m, potential if entries(potential.form).any() else None, **data)
 
 
-def ground_shares(direction: ArrayLike | Vector | Mapping[str, Any], size: int) -> Array:
+def ground_shares(direction: ArrayLike | Mapping[str, Any], size: int) -> Array:
     """The share r of the ground's motion in every coordinate, by a number, a pattern or a file.
 
     Raises
@@ -183,8 +183,6 @@ def ground_shares(direction: ArrayLike | Vector | Mapping[str, Any], size: int) 
     """
     if isinstance(direction, Mapping):
         direction = kept_numbers(str(direction["digest"]))
-    elif isinstance(direction, Vector):
-        direction = direction.numbers
     pattern = np.atleast_1d(np.asarray(direction, dtype=float)).ravel()
     if pattern.size == 0 or size % pattern.size:
         raise ArgumentError(

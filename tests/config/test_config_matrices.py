@@ -75,7 +75,7 @@ def test_what_is_kept_gives_the_matrix_back_to_the_last_digit(dense):
     matrix = rng.standard_normal((37, 37)) * (rng.random((37, 37)) < 0.2)
     matrix = matrix + matrix.T
     digest = keep_numbers(matrix_as_numbers(matrix if dense else csr_array(matrix)))
-    back = MatrixFile(file="K.mtx", digest=digest).form
+    back = MatrixFile(file="K.mtx", digest=digest).value
     assert is_sparse(back) is not dense
     found = back if isinstance(back, np.ndarray) else back.toarray()
     assert np.array_equal(found, matrix)

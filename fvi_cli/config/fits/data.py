@@ -237,16 +237,16 @@ def _read(
     if given.frequency is not None:
         low, high, allowed = math.ulp(0.0), math.inf, "a frequency, above 0"
     try:
-        samples = read_csv_samples(
+        table, lines = read_csv_samples(
             folder / given.file, name, first, fields["column"], decimal=given.decimal
         )
-        for time, line in zip(samples.time.tolist(), samples.lines, strict=True):
+        for time, line in zip(table[:, 0].tolist(), lines, strict=True):
             if not low <= time <= high:
                 raise DataFileError(f"{name}:{line}: {first} = {time:g} is not {allowed}")
     except DataFileError as error:
         report.add(error.message, error.key)
         return
-    yield Series(times=samples.time, values=samples.values, **fields)
+    yield Series(times=table[:, 0], values=table[:, 1], **fields)
 
 
 def _numbers(keys: Iterable[str], template: Mapping[str, Any], report: Report) -> Iterator[str]:

@@ -9,7 +9,7 @@ from pydantic import AfterValidator, Field
 
 from fvi_cli.scenes.keys.mistakes import Wrong, refused
 from fvi_cli.scenes.keys.values import BY_FORM, ONE_OR_MANY, Keys, Positive, from_key, key
-from fvi_cli.scenes.records.samples import DECIMAL, Decimal
+from fvi_cli.scenes.records.csv_samples import DECIMAL, Decimal
 
 
 def _of_problem(path: str) -> str:

@@ -27,6 +27,7 @@ import numpy as np
 from fvi_cli.effects.forcing import ForceComponent
 from fvi_cli.effects.sampled import FunctionForce
 from fvi_cli.effects.scene import Scene
+from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, ForcingQuadrature
 from fvi_cli.mathematics.expressions import Expression
@@ -179,6 +180,11 @@ def force_power(scene: Scene, *, at_start: bool) -> float | None:
     """Least fractional power with which the force begins at 0, or after break points.
 
     None where it begins smoothly.
+
+    Raises
+    ------
+    ArgumentError
+        If the power is below :data:`LEAST_POWER`.
     """
     if scene.forcing is None:
         return None
@@ -189,7 +195,11 @@ def force_power(scene: Scene, *, at_start: bool) -> float | None:
         for piece, at in zip(pieces[chosen], ends[chosen], strict=True)
         for component in piece.components
     ]
-    return min((one for one in found if one is not None), default=None)
+    power = min((one for one in found if one is not None), default=None)
+    if power is not None and power < LEAST_POWER:
+        words = f"begins like t**{power:g}; steps take powers from {LEAST_POWER} on"
+        raise ArgumentError("forcing", words)
+    return power
 
 
 @lru_cache(maxsize=256)
@@ -203,11 +213,11 @@ def _power_of(component: ForceComponent, at: float) -> float | None:
         for kind, *rest in instructions
     ]
     powers = [one for one in powers if not one.is_integer()]
-    if not powers:
-        return None
     with np.errstate(all="ignore"):
         is_bounded = not np.isinf(component.evaluate({"t": np.array([at])})).any()
-    return min(powers) if is_bounded else -max(powers)
+    if is_bounded:
+        return min(powers, default=None)
+    return -max(powers, default=1.0)
 
 
 def order_on(scene: Scene, method: AnyMethod, grading: float = 1.0) -> float:

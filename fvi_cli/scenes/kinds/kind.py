@@ -10,10 +10,10 @@ from typing import Annotated, Any, ClassVar, Final, Literal
 import numpy as np
 
 from fvi_cli.effects.forcing import Forcing, ForcingPiece
-from fvi_cli.effects.matrices import is_sparse
 from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
-from fvi_cli.integrator.meshes.graded import LEAST_POWER, force_power
+from fvi_cli.integrator.meshes.graded import force_power
+from fvi_cli.integrator.observe.request import coordinate_names
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.scenes.forces import Forces, build_forcing, expressions, for_each, formulas_of
@@ -28,9 +28,10 @@ from fvi_cli.scenes.keys.values import (
     key,
     wrong_formula,
 )
-from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of, on_coordinates
+from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of
 from fvi_cli.scenes.problem import AnyProblem, Problem
-from fvi_cli.scenes.records.matrices import MatrixFile, rows_of
+from fvi_cli.scenes.records.inputs import FromFile
+from fvi_cli.scenes.records.matrices import rows_of
 
 FINAL_TIME: Final = key("End T of the interval [0, T].", unit="time")
 START_TOLERANCE: Final = 1e-6
@@ -126,28 +127,23 @@ class SceneKind(Kind):
 
     def count(self) -> int:
         """Number of coordinates."""
-        given = [self.initial.position, self.initial.velocity, *self._matrices()]
+        given: list[object] = [self.initial.position, self.initial.velocity]
+        # not getattr: what a model does not have takes it long
+        given += [vars(self).get("mass"), vars(self).get("stiffness")]
         given += [one.factor for one in self.damping if one.acts_on is None]
         return max(map(rows_of, given))
 
-    def _matrices(self) -> tuple[object, object]:
-        # not getattr: what a model does not have takes it long
-        return vars(self).get("mass"), vars(self).get("stiffness")
-
     def coordinate_names(self) -> tuple[str, ...]:
         """Names of the coordinates, as in ``acts_on``."""
-        return self.names or numbered(self.count())
+        return self.names or coordinate_names(self.count())
 
     def build_scene(self) -> Scene:
         """The scene."""
         names = self.coordinate_names()
-        files = [one for one in self._matrices() if isinstance(one, MatrixFile)]
-        sparse = any(is_sparse(one.form) for one in files)
-        effects = effects_of(self.damping, on_coordinates(names, sparse=sparse))
         scene = type(self).make(
             **self.own(),
             final_time=self.final_time,
-            damping=effects,
+            damping=effects_of(self.damping, names),
             initial_position=self._start("position"),
             initial_velocity=self._start("velocity"),
             derivative=self.derivative,
@@ -160,13 +156,13 @@ class SceneKind(Kind):
         return scene
 
     def own(self) -> dict[str, Any]:
-        """The values of its own keys, with effects for dampers."""
+        """The values of its own keys, with what files hold, and effects for dampers."""
         shared = {*SceneKind.model_fields, *self.forces}
-        found = {name: one for name, one in self if name not in shared}
+        given = {name: one for name, one in self if name not in shared}
+        found = {k: one.value if isinstance(one, FromFile) else one for k, one in given.items()}
         if name := self.dampers_key:
-            before = len(self.damping)
-            on = on_coordinates(self.coordinate_names(), between=True)
-            found[name] = effects_of(found[name], on, name, before=before)
+            names, before = self.coordinate_names(), len(self.damping)
+            found[name] = effects_of(found[name], names, name, before=before)
         return found
 
     def _force(self, name: str) -> Forcing | None:
@@ -181,10 +177,7 @@ class SceneKind(Kind):
     def build_problem(self) -> Problem:
         """The scene with its exact solution if that is known."""
         scene, names = self.build_scene(), self.coordinate_names()
-        power = force_power(scene, at_start=True)
-        if power is not None and power < LEAST_POWER:
-            reason = f"begins like t**{power:g}; steps take powers from {LEAST_POWER} on"
-            raise ArgumentError("forcing", reason)
+        force_power(scene, at_start=True)  # refuses forces that have no integral
         exact: Callable[[Array], Array] | None = None
         source = {"auto": "unknown", "none": "none"}.get(str(self.exact), "expression")
         if source == "expression":
@@ -211,11 +204,6 @@ class SceneKind(Kind):
     def ready_quantities(self) -> Mapping[str, Expression]:
         """Formulas of built-in quantities by name."""
         return {}
-
-
-def numbered(size: int) -> tuple[str, ...]:
-    """``x``, or ``x1``, ``x2``, ..."""
-    return ("x",) if size == 1 else tuple(f"x{index}" for index in range(1, size + 1))
 
 
 def _check_start(exact: Callable[[Array], Array], scene: Scene) -> None:

@@ -6,14 +6,15 @@ import copy
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, Any, ClassVar, Final, Literal, cast
 
+import numpy as np
 from pydantic import Field
 
 from fvi_cli.effects.damping import Coefficient, FractionalDamping
 from fvi_cli.effects.directions import read_directions
 from fvi_cli.effects.laws import ColeCole, Law, fractional_maxwell, fractional_zener, prony
-from fvi_cli.effects.matrices import Factored, dense
+from fvi_cli.effects.matrices import Factored, dense, is_sparse
 from fvi_cli.errors import ArgumentError
 from fvi_cli.scenes.data import Effect
 from fvi_cli.scenes.keys.mistakes import Wrong
@@ -29,7 +30,7 @@ from fvi_cli.scenes.keys.values import (
     Positive,
     key,
 )
-from fvi_cli.scenes.records.matrices import NumberOrMatrix, matrix_of
+from fvi_cli.scenes.records.matrices import MatrixFile, NumberOrMatrix
 
 _MODULUS: Final = "stiffness over that of coefficient"
 _FACTOR: Final = "mass times time^(gamma-2)"
@@ -159,43 +160,19 @@ class Prony(_Relaxing):
 
 AnyTerm = Springpot | KelvinVoigt | Zener | Maxwell | Prony
 Term = Annotated[AnyTerm, ByWord("law", usual="springpot")]
-Place = Callable[[AnyTerm, Any], Coefficient]
-"""From a term and a factor of it to the coefficient for all coordinates."""
-
-
-def on_coordinates(names: Sequence[str], *, sparse: bool = False, between: bool = False) -> Place:
-    """Where terms act: on all coordinates, or on some combinations of them.
-
-    Numbers of terms `between` the parts of a scene stay numbers: the scene knows where they act.
-    """
-
-    def on(term: AnyTerm, factor: object) -> Coefficient:
-        is_number = between and term.acts_on is None and isinstance(factor, float)
-        if term.storey is not None and not is_number:
-            message = "not a key here: it is one of dampers between parts, with a number"
-            raise ArgumentError("storey", message, at_key=True)
-        if term.acts_on is not None:
-            rows = read_directions(term.acts_on, names)
-            return Factored(rows=rows, inner=dense(matrix_of(factor, len(rows))))
-        if isinstance(factor, float) and between:
-            return factor
-        matrix = matrix_of(factor, len(names), sparse=sparse)
-        if matrix.shape[0] != len(names):
-            words = f"is for {matrix.shape[0]} coordinates, but there are {len(names)}"
-            raise ArgumentError("coefficient", words)
-        return matrix
-
-    return on
 
 
 def effects_of(
-    terms: Sequence[AnyTerm], on: Place, place: str = "damping", *, before: int = 0
+    terms: Sequence[AnyTerm], names: Sequence[str], place: str = "damping", *, before: int = 0
 ) -> tuple[Effect, ...]:
-    """Effects of the terms in the list at `place`; dampers are numbered from `before` + 1 on."""
+    """Effects of the terms in the list at `place`; dampers are numbered from `before` + 1 on.
+
+    Coefficients that are numbers stay numbers: scenes know where they act.
+    """
     found: list[Effect] = []
     for index, term in enumerate(terms):
         try:
-            made = term.effects(partial(on, term))
+            made = term.effects(partial(_coefficient, term, names))
         except ArgumentError as error:
             raise error.below(f"{place}.{index}") from None
         storeys = [term.storey] if isinstance(term.storey, int) else term.storey or ()
@@ -205,6 +182,15 @@ def effects_of(
             vars(own).update(name=term.name or "", number=before + index + 1, storeys=(*storeys,))
             found.append(own)
     return tuple(found)
+
+
+def _coefficient(term: AnyTerm, names: Sequence[str], factor: Any) -> Coefficient:
+    """A factor of a term, along the combinations of coordinates on which the term acts."""
+    given = factor.value if isinstance(factor, MatrixFile) else factor
+    if term.acts_on is None:
+        return cast(Coefficient, given)
+    rows = read_directions(term.acts_on, names)
+    return Factored(rows=rows, inner=dense(given) if is_sparse(given) else np.asarray(given))
 
 
 def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:

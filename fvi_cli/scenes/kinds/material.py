@@ -17,7 +17,7 @@ from fvi_cli.scenes.forces import TimeFunction, build_forcing
 from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import BY_FORM, Positive, key
 from fvi_cli.scenes.kinds.kind import Kind
-from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of, on_coordinates
+from fvi_cli.scenes.kinds.laws import Term, check_names_of_dampers, effects_of
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.scenes.records.samples import Samples
 
@@ -74,7 +74,7 @@ class Material(Kind):
         """The law along its displacement, or along `motion`; it has no errors."""
         motion = motion or self.build_motion()
         terms = self.law if isinstance(self.law, list) else [self.law]
-        effects = effects_of(terms, on_coordinates((COORDINATE,)), "law")
+        effects = effects_of(terms, (COORDINATE,), "law")
         check_names_of_dampers(effects, "law")
         for one in effects:
             is_rough = isinstance(one, FractionalDamping) and one.order > 1

@@ -10,7 +10,6 @@ from typing import Annotated, Any, Final, Literal
 import numpy as np
 from pydantic import Field
 
-from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.builder import Builder
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
@@ -20,8 +19,7 @@ from fvi_cli.scenes.keys.values import BY_FORM, Count, Fraction, Keys, Positive,
 from fvi_cli.scenes.kinds.kind import SceneKind
 from fvi_cli.scenes.kinds.laws import Term
 from fvi_cli.scenes.kinds.oscillators import DampedOscillator
-from fvi_cli.scenes.records.matrices import Vector
-from fvi_cli.scenes.records.samples import Column
+from fvi_cli.scenes.records.matrices import Numbers
 from fvi_cli.scenes.structures import (
     Ends,
     Rayleigh,
@@ -45,7 +43,7 @@ class Structure(DampedOscillator):
     kind: Literal["structure"] = key("Which equation.", "structure")  # type: ignore[assignment]
     rayleigh: Rayleigh | None = RAYLEIGH
     ground_acceleration: TimeFunction = GROUND_ACCELERATION
-    ground_direction: Annotated[float | list[float] | Vector, BY_FORM] = key(
+    ground_direction: Annotated[float | list[float] | Numbers, BY_FORM] = key(
         "r: how far every coordinate goes with a ground that moves by 1; a list that is shorter is "
         "a pattern, which is repeated.",
         1.0,
@@ -78,11 +76,13 @@ class Chain(SceneKind):
 
 
 _Storeys = Annotated[list[Positive], Field(min_length=1, max_length=1000)]
-PerStorey = Annotated[Positive | _Storeys | Column, BY_FORM]
+PerStorey = Annotated[Positive | _Storeys | Numbers, BY_FORM]
 _MASS: Final = (
     "Mass of every storey: a number, a list from the ground up, or {file: building.csv, column: "
     "mass}; default: 1."
 )
+_MASSES: Final = ("masses", "mass")
+_STIFFNESSES: Final = ("stiffnesses", "stiffness")
 _SHEAR: Final = "Shear stiffness of every storey, likewise; default: 1."
 
 
@@ -117,45 +117,40 @@ class FrameKind(SceneKind):
     ground_acceleration: TimeFunction = GROUND_ACCELERATION
 
     def mistakes(self) -> Iterator[Wrong]:
-        """Two words for one property, too."""
+        """Two words for one property, and numbers that are not one above 0 for each storey."""
         yield from super().mistakes()
-        for one, other in (("mass", "masses"), ("stiffness", "stiffnesses")):
-            if getattr(self, one) is not None and getattr(self, other) is not None:
-                yield Wrong((other,), f"give this or {one}, not both", of_key=True)
+        for words in (_MASSES, _STIFFNESSES):
+            given = [word for word in words if getattr(self, word) is not None]
+            if len(given) > 1:
+                yield Wrong((given[0],), f"give this or {given[1]}, not both", of_key=True)
+            elif given and (numbers := self._of_storeys(words)).size not in (1, self.count()):
+                yield Wrong((given[0],), f"{numbers.size} numbers for {self.count()} storeys")
+            elif given and not (numbers > 0).all():
+                yield Wrong((given[0],), "every number must be above 0")
 
-    def _given(self, *names: str) -> tuple[str, Array]:
-        """The key of a property, and its number or one for each storey from the ground up."""
-        found = [(one, value) for one in names if (value := getattr(self, one)) is not None]
-        name, value = found[0] if found else (names[0], 1.0)
-        return name, np.asarray(value.numbers if isinstance(value, Column) else value, dtype=float)
-
-    def _masses(self) -> tuple[str, Array]:
-        return self._given("masses", "mass")
-
-    def _stiffnesses(self) -> tuple[str, Array]:
-        return self._given("stiffnesses", "stiffness")
+    def _of_storeys(self, words: tuple[str, ...]) -> Array:
+        """A property: a number, or one for each storey from the ground up."""
+        given: Any = next((one for word in words if (one := getattr(self, word)) is not None), 1.0)
+        return np.asarray(given.value if isinstance(given, Numbers) else given, dtype=float)
 
     def count(self) -> int:
         """Number of storeys."""
-        lists = [one.size for _, one in (self._masses(), self._stiffnesses()) if one.ndim]
-        return self.storeys or (lists[0] if lists else USUAL_STOREYS)
+        lists = [one.size for one in map(self._of_storeys, (_MASSES, _STIFFNESSES)) if one.ndim]
+        return self.storeys or (*lists, USUAL_STOREYS)[0]
 
     def own(self) -> dict[str, Any]:
         """The values of its own keys."""
-        for name, given in (self._masses(), self._stiffnesses()):
-            if given.ndim and given.size != self.count():
-                raise ArgumentError(name, f"{given.size} numbers for {self.count()} storeys")
         return {
             "storeys": self.count(),
-            "mass": self._masses()[1],
-            "stiffness": self._stiffnesses()[1],
+            "mass": self._of_storeys(_MASSES),
+            "stiffness": self._of_storeys(_STIFFNESSES),
             "dampers": super().own()["dampers"],
             "rayleigh": self.rayleigh,
         }
 
     def numbers(self) -> Mapping[str, float]:
         """The masses of the storeys, ``mass_1``, ..."""
-        each = np.broadcast_to(self._masses()[1], self.count()).tolist()
+        each = np.broadcast_to(self._of_storeys(_MASSES), self.count()).tolist()
         return {f"mass_{n}": one for n, one in enumerate(each, start=1)}
 
     def ready_quantities(self) -> Mapping[str, Expression]:

@@ -9,13 +9,17 @@ import re
 from collections.abc import Sequence
 from decimal import Decimal as Exact
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.errors import excerpt, listed, suggestion
+from fvi_cli.scenes.keys.values import key
 from fvi_cli.scenes.records.inputs import DataFileError, read_text
+
+Decimal = Literal[".", ","]
+DECIMAL: Final = key("What begins the decimals: a point, or a comma.", ".")
 
 _OTHER_FORMATS: Final = (
     (re.compile(r"PK\x03\x04"), "a spreadsheet"),
@@ -30,31 +34,25 @@ _OTHER_FORMATS: Final = (
 _MISSING: Final = ("nan", "n/a", "na", "null", "none", "inf")
 
 
-class CsvSamples(NamedTuple):
-    """Two columns of a file: times and values, shape ``(n,)``."""
-
-    time: NDArray[np.float64]
-    values: NDArray[np.float64]
-    lines: Sequence[int]  # the line of every sample, counted from 1
+Table = tuple[NDArray[np.float64], Sequence[int]]
+"""Columns of numbers, ``(n, columns)``, and the line of every row, counted from 1."""
 
 
 def read_csv_samples(
     path: Path, name: str, time_column: str, column: str, *, decimal: str = "."
-) -> CsvSamples:
-    """Read a column and its times as :func:`read_csv_columns`; times must increase."""
+) -> Table:
+    """Read times, which must increase, and a column as :func:`read_csv_columns`."""
     table, lines = read_csv_columns(path, name, (time_column, column), decimal=decimal)
-    time, values = table.T
+    time = table[:, 0]
     for k in np.flatnonzero(np.diff(time) <= 0).tolist():
         how = "is the time of" if time[k + 1] == time[k] else f"is before the {time[k]:g} of"
         words = f"{time_column} = {time[k + 1]:g} {how} line {lines[k]}; times must increase"
         raise DataFileError(f"{name}:{lines[k + 1]}: {words}")
-    return CsvSamples(time, values, lines)
+    return table, lines
 
 
-def read_csv_columns(
-    path: Path, name: str, columns: Sequence[str], *, decimal: str = "."
-) -> tuple[NDArray[np.float64], Sequence[int]]:
-    """Read columns of numbers, ``(n, columns)``, and the line of every row, counted from 1.
+def read_csv_columns(path: Path, name: str, columns: Sequence[str], *, decimal: str = ".") -> Table:
+    """Read columns of numbers.
 
     Cells are separated by commas, semicolons or tabulators. Empty lines, lines that begin with
     ``#``, lines above the names of the columns and a line of units below them are left out.
@@ -165,8 +163,8 @@ _TOUCHING: Final = re.compile(r"(?<=[\d.])(?<![eE])(?=[-+])")
 _MOTION: Final = re.compile(r"\b(VELOCITY|DISPLACEMENT)\b", re.IGNORECASE)
 
 
-def read_at2_samples(path: Path, name: str) -> CsvSamples:
-    """Read a record: times k DT, and the accelerations in the file, in units of g.
+def read_at2_samples(path: Path, name: str) -> NDArray[np.float64]:
+    """Read a record, ``(n, 2)``: times k DT, and the accelerations in the file, in units of g.
 
     Up to five lines of header, the last of which has ``NPTS= 4000, DT= .0050 SEC`` (older files:
     ``4000 0.0050 NPTS, DT``), then NPTS numbers, several in a line.
@@ -201,5 +199,4 @@ def read_at2_samples(path: Path, name: str) -> CsvSamples:
             f"{name}:{len(lines)}: {len(values)} accelerations where the header says NPTS = "
             f"{count}; the record is cut off or has a gap"
         )
-    time = np.array([float(k * step) for k in range(count)])
-    return CsvSamples(time, np.array(values), ())
+    return np.column_stack([[float(k * step) for k in range(count)], values])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, model_validator
 
-from fvi_cli.errors import ArgumentError, excerpt, suggestion
+from fvi_cli.errors import ArgumentError, excerpt
 from fvi_cli.scenes.keys.values import Keys, key
 
 LARGEST_TEXT: Final = 20_000_000
@@ -34,13 +34,10 @@ def read_content(path: Path, name: str, largest: int) -> bytes:
     try:
         with path.open("rb") as file:
             content = file.read(largest + 1)
-    except FileNotFoundError:
-        near = suggestion(path.name, [one.name for one in path.parent.glob("*") if one.is_file()])
-        near = near or "; paths begin at the folder of the configuration"
-        raise DataFileError(f"{name}: cannot be read: no such file{near}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__
-        raise DataFileError(f"{name}: cannot be read: {reason}") from None
+        words = f"cannot be read: {reason}; paths begin at the folder of the configuration"
+        raise DataFileError(f"{name}: {words}") from None
     if len(content) > largest:
         raise DataFileError(f"{name}: more than {largest // 10**6} MB: too large")
     return content
@@ -76,6 +73,11 @@ class FromFile(Keys):
     def numbers(self) -> NDArray[Any]:
         """The numbers that were read."""
         return kept_numbers(str(self.digest))
+
+    @property
+    def value(self) -> Any:
+        """What stands in the file."""
+        return self.numbers
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:

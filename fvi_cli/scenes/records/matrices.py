@@ -25,6 +25,7 @@ from fvi_cli.effects.matrices import (
 from fvi_cli.errors import excerpt, listed, suggestion
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.keys.values import BY_FORM, Matrix, Positive, key
+from fvi_cli.scenes.records.csv_samples import DECIMAL, Decimal, read_csv_columns
 from fvi_cli.scenes.records.inputs import (
     DataFileError,
     FromFile,
@@ -179,18 +180,24 @@ class MatrixFile(FromFile):
         return matrix_as_numbers(read_matrix(path, name, self.variable))
 
     @property
-    def form(self) -> Form:
+    def value(self) -> Form:
         """The matrix."""
         return _matrix_of_digest(str(self.digest))
 
 
-class Vector(FromFile):
-    """A list of numbers from a file."""
+class Numbers(FromFile):
+    """Numbers from a column of a table, or from a text with a number in every line."""
 
-    file: str = key("Text with a number in every line, from the folder of the configuration.")
+    file: str = key(
+        "Table with names of columns, or numbers alone, from the configuration's folder."
+    )
+    column: str | None = key("Column of the numbers in a table.", None)
+    decimal: Decimal = DECIMAL
 
     def read(self, path: Path, name: str) -> Array:
         """The numbers, shape ``(n,)``."""
+        if self.column is not None:
+            return read_csv_columns(path, name, (self.column,), decimal=self.decimal)[0].ravel()
         try:
             found = _numbers_of(path, name)
         except (ValueError, UserWarning) as error:
@@ -208,14 +215,12 @@ PositiveOrMatrix = Annotated[Positive | Matrix | MatrixFile, BY_FORM]
 def rows_of(value: object) -> int:
     """Number of rows of a matrix, or entries of a list; 1 for a number."""
     if isinstance(value, MatrixFile):
-        return int(value.form.shape[0])
+        return int(value.value.shape[0])
     return len(value) if isinstance(value, list) else 1
 
 
 def matrix_of(value: object, dimension: int, *, sparse: bool = False) -> Form:
     """A number times the unit matrix (sparse if requested), or a matrix unchanged."""
-    if isinstance(value, MatrixFile):
-        return value.form
     if is_sparse(value):
         return cast("SparseMatrix", value)
     matrix = np.asarray(value, dtype=float)

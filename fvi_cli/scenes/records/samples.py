@@ -7,25 +7,21 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-import numpy as np
 from numpy.typing import NDArray
 
 from fvi_cli.effects.sampled import Interpolation, SampledForce
 from fvi_cli.scenes.keys.values import BY_FORM, key
 from fvi_cli.scenes.records.csv_samples import (
+    DECIMAL,
     SUFFIX,
+    Decimal,
     read_at2_samples,
-    read_csv_columns,
     read_csv_samples,
 )
 from fvi_cli.scenes.records.inputs import DataFileError, FromFile, kept_numbers
 
 STANDARD_GRAVITY: Final = 9.80665
 """Acceleration of free fall, in m/s^2 (CGPM 1901)."""
-
-
-Decimal = Literal[".", ","]
-DECIMAL: Final = key("What begins the decimals: a point, or a comma.", ".")
 
 
 class Samples(FromFile):
@@ -58,18 +54,12 @@ class Samples(FromFile):
 
     def read(self, path: Path, name: str) -> NDArray[Any]:
         """Times and values, shape ``(n, 2)``."""
-        if path.suffix.lower() == SUFFIX and self.column is not None:
-            raise DataFileError("not for AT2, which has one column", key="column")
         if path.suffix.lower() == SUFFIX:
-            time, values, _ = read_at2_samples(path, name)
-        elif self.column is None:
+            return read_at2_samples(path, name)
+        if self.column is None:
             message = "missing: the name of a column (records whose names end in .at2 need none)"
             raise DataFileError(message, key="column")
-        else:
-            time, values, _ = read_csv_samples(
-                path, name, self.time, self.column, decimal=self.decimal
-            )
-        return np.column_stack([time, values])
+        return read_csv_samples(path, name, self.time, self.column, decimal=self.decimal)[0]
 
     @property
     def component(self) -> SampledForce:
@@ -90,20 +80,3 @@ def _through(digest: str, factor: float, interpolation: Interpolation, source: s
     # cached, since thousands of members of a sweep have the same force
     time, values = kept_numbers(digest).T
     return SampledForce.through(time, factor * values, interpolation, source=source)
-
-
-class Column(FromFile):
-    """Positive numbers from a column of a file, one in every line."""
-
-    file: str = key("CSV file with names of columns in its first line.")
-    column: str = key("Column of the numbers.")
-    decimal: Decimal = DECIMAL
-
-    def read(self, path: Path, name: str) -> NDArray[Any]:
-        """The numbers, shape ``(n,)``."""
-        table, lines = read_csv_columns(path, name, (self.column,), decimal=self.decimal)
-        numbers = table[:, 0].copy()
-        if wrong := np.flatnonzero(numbers <= 0).tolist():
-            value = f"{self.column} = {numbers[wrong[0]]:g}"
-            raise DataFileError(f"{name}:{lines[wrong[0]]}: {value}; it must be above 0")
-        return numbers
