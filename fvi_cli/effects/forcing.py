@@ -93,9 +93,9 @@ class Forcing:
         ends = [0.0, *(piece.until for piece in self.pieces)]
         if ends[-1] != math.inf or any(not a < b for a, b in itertools.pairwise(ends)):
             words = f"until must increase from 0 to no end, got {ends[1:]}"
-            raise ArgumentError("forcing", words)
+            raise ArgumentError("pieces", words)
         if len({len(piece.weights) for piece in self.pieces}) != 1:
-            raise ArgumentError("forcing", "all pieces must have the same number of components")
+            raise ArgumentError("pieces", "all pieces must have the same number of components")
 
     @classmethod
     def from_text(cls, *components: str) -> Forcing:

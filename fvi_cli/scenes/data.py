@@ -15,7 +15,7 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.lagrangian import Lagrangian
 from fvi_cli.effects.laws import Law
-from fvi_cli.effects.matrices import Factored, SparseMatrix, is_sparse, sparse_unit
+from fvi_cli.effects.matrices import Factored, SparseMatrix, is_sparse
 from fvi_cli.effects.potential import (
     ExpressionPotential,
     LinearPotential,
@@ -26,6 +26,7 @@ from fvi_cli.effects.scene import Derivative, Scene, dampers_of
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
+from fvi_cli.scenes.records.matrices import matrix_of
 
 Effect = FractionalDamping | Law
 """A damping term or a law."""
@@ -79,15 +80,11 @@ def scene_function(make: _Make) -> _Make:
     return make
 
 
-def given_force(given: object, name: str = "forcing") -> Forcing | None:
+def given_force(given: Forcing | str | Sequence[str] | None) -> Forcing | None:
     """A force; formulas in t are converted to one."""
     if given is None or isinstance(given, Forcing):
         return given
-    try:
-        return Forcing.from_text(*([given] if isinstance(given, str | float) else given))  # type: ignore[misc]
-    except (TypeError, ValueError) as error:
-        words = "write a formula in t such as '0.3*cos(1.2*t)', or a list of one per coordinate"
-        raise ArgumentError(name, f"{error}; {words}") from None
+    return Forcing.from_text(*([given] if isinstance(given, str | float) else given))
 
 
 def make_scene(
@@ -123,9 +120,9 @@ def _on_coordinates(force: Effect, inertia: Inertia, name: str) -> Effect:
         raise ArgumentError(name, "a storey is one of dampers between parts, with a number")
     if force.dimension != 1 or inertia.dimension == 1:
         return force
-    size = inertia.dimension
-    unit = sparse_unit(size) if is_sparse(inertia.form) else np.eye(size)
-    return replace(force, coefficient=force.matrix[0, 0] * unit)
+    sparse = is_sparse(inertia.form)
+    matrix = matrix_of(force.matrix[0, 0], inertia.dimension, sparse=sparse)
+    return replace(force, coefficient=matrix)
 
 
 def per_coordinate(value: ArrayLike, size: int, name: str) -> Array:
@@ -144,7 +141,7 @@ def with_dampers(
 
     A damper whose coefficient is a number acts on every part, or on those of its storeys.
     """
-    placed = list(dampers_of(data.get("damping", ()), "damping"))
+    placed = [*data.get("damping", ())]
     for one in dampers_of(dampers, name):
         if not set(one.storeys) <= set(range(1, len(rows) + 1)):
             words = f"storey {max(one.storeys)} is not allowed; write 1 to {len(rows)}"

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final, TypeVar
 from fvi_cli.effects.forcing import ForceComponent, Forcing, ForcingPiece
 from fvi_cli.errors import ArgumentError, excerpt, listed, suggestion
 from fvi_cli.mathematics.expressions import Expression
-from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong
+from fvi_cli.scenes.keys.mistakes import KeyPath
 from fvi_cli.scenes.keys.values import (
     BY_FORM,
     Formula,
@@ -36,17 +36,6 @@ class Pieces(Keys):
     """A force that may jump."""
 
     pieces: list[Piece] = key("Pieces in the order of time.", min_length=1)
-
-    def mistakes(self) -> Iterator[Wrong]:
-        """Ends that are missing, superfluous or do not increase."""
-        before = 0.0
-        for number, piece in enumerate(self.pieces):
-            is_last, at = number == len(self.pieces) - 1, ("pieces", number, "until")
-            if (piece.until is None) != is_last:
-                yield Wrong(at, "every piece but the last has an end, and only these")
-            elif piece.until is not None and piece.until <= before:
-                yield Wrong(at, f"{piece.until:g} is not after {before:g}; ends must increase")
-            before = piece.until or before
 
 
 Component = Annotated[Formula | Samples, BY_FORM]
@@ -117,7 +106,12 @@ def build_forcing(
         zero, ends = _expression("0", key, {}), sorted({math.inf, *(end for _, end in found)})
         components = [tuple(one if end >= until else zero for one, end in found) for until in ends]
     pieces = zip(components, ends, strict=True)
-    force = Forcing(pieces=tuple(ForcingPiece(components=one, until=end) for one, end in pieces))
+    try:
+        force = Forcing(
+            pieces=tuple(ForcingPiece(components=one, until=end) for one, end in pieces)
+        )
+    except ArgumentError as error:
+        raise error.below(key) from None
     if words := force.objection(final_time):
         raise ArgumentError(key, words)
     return force

@@ -163,7 +163,7 @@ def structure(
         term = rayleigh_damping(m, k, rayleigh)
         data["damping"] = (*data.get("damping", ()), term)
     if ground_acceleration is not None:
-        ground = given_force(ground_acceleration, "ground_acceleration")
+        ground = given_force(ground_acceleration)
         if ground is None or ground.dimension != 1:
             raise ArgumentError("ground_acceleration", "the ground has one component")
         shaken = ground.along(-times(ground_shares(ground_direction, size), m)[:, None])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Iterator
@@ -101,16 +102,8 @@ def key_of(name: str, field: Any) -> str:
 
 
 def describe(value: Any) -> str:
-    """A value in words."""
-    if value is None:
-        return "an empty value"
-    if isinstance(value, dict):
-        return f"a mapping with {excerpt(listed(map(str, value)))}" if value else "an empty mapping"
-    if isinstance(value, list):
-        return "a list"
-    if isinstance(value, bool):
-        return str(value).lower()
-    return f"the text {excerpt(value)!r}" if isinstance(value, str) else number_text(value)
+    """A value as it could be written, shortened."""
+    return excerpt(json.dumps(value, default=str, ensure_ascii=False))
 
 
 def number_text(value: float) -> str:

@@ -27,6 +27,7 @@ from pydantic import (
 )
 from pydantic_core import core_schema
 
+from fvi_cli.effects.matrices import symmetric_form
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.algebra.arithmetic import ExpressionError
 from fvi_cli.mathematics.expressions import CONSTANTS, FUNCTION_NAMES, Expression
@@ -227,12 +228,8 @@ def wrong_formula(path: KeyPath, formula: str, names: Iterable[str]) -> Iterator
         yield wrong_argument(error, *path)
 
 
-def _square(value: list[list[float]]) -> list[list[float]]:
-    size = len(value)
-    for number, row in enumerate(value):
-        if len(row) != size:
-            message = f"{len(row)} entries in a row of a matrix of {size} rows; it must be square"
-            raise ArgumentError(str(number), message)
+def _symmetric(value: list[list[float]]) -> list[list[float]]:
+    symmetric_form(value, "")
     return value
 
 
@@ -253,7 +250,7 @@ Order = Annotated[float, Field(gt=0, lt=2)]
 Count = Annotated[int, Field(ge=1, le=1000)]
 Name = Annotated[str, Field(pattern=WORD)]
 Pair = Annotated[list[T], Field(min_length=2, max_length=2)]
-Matrix = Annotated[list[list[float]], Field(min_length=1), AfterValidator(_square)]
+Matrix = Annotated[list[list[float]], Field(min_length=1), AfterValidator(_symmetric)]
 Increasing = Annotated[list[T], Field(min_length=1), AfterValidator(_increasing)]
 
 

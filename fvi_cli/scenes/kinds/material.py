@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from fvi_cli.effects.damping import FractionalDamping
+from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.inertia import Inertia
 from fvi_cli.effects.prescribed import PrescribedMotion
 from fvi_cli.effects.scene import Scene
@@ -63,9 +64,7 @@ class Material(Kind):
         final_time = float(self.final_time or 0.0)
         displacement = build_forcing(
             self.displacement, (COORDINATE,), "displacement", final_time, self.parameters
-        )
-        if displacement is None:
-            raise ArgumentError("displacement", "it is constant; give a displacement that changes")
+        ) or Forcing.from_text("0")
         motion = PrescribedMotion(displacement=displacement, final_time=final_time)
         motion.check()
         return motion

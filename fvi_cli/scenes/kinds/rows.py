@@ -165,23 +165,18 @@ def frame_quantities(coordinates: tuple[str, ...]) -> Mapping[str, Expression]:
     ``drift_i`` is :math:`x_i - x_{i-1}`, ``acceleration_i`` :math:`x_i'' + a`, and ``base_shear``
     :math:`\sum m_i (x_i'' + a)`, the force of the foundation.
     """
-    ground = "ground_acceleration"
-    found = {}
-    below = "0"
+    ground, found, below = "ground_acceleration", {}, "0"
+    # built without text, since the sum of a tall building would exceed the longest text
+    builder = Builder()
+    shear = builder.number(0.0)
     for number, name in enumerate(coordinates, start=1):
         drift = name if below == "0" else f"{name} - {below}"
         found[f"drift_{number}"] = Expression.parse(drift, variables=coordinates)
-        own = f"a{name}", ground
+        own, below = (f"a{name}", ground), name
         found[f"acceleration_{number}"] = Expression.parse(" + ".join(own), variables=own)
-        below = name
-    # built without text, since the sum of a tall building would exceed the longest text
-    builder = Builder()
-    moved = builder.number(0.0)
-    total = builder.number(0.0)
-    for number, name in enumerate(coordinates, start=1):
-        mass = builder.variable(f"mass_{number}")
-        moved, total = moved + mass * builder.variable(f"a{name}"), total + mass
-    system = builder.system([moved + total * builder.variable(ground)])
+        absolute = builder.variable(f"a{name}") + builder.variable(ground)
+        shear = shear + builder.variable(f"mass_{number}") * absolute
+    system = builder.system([shear])
     found[BASE_SHEAR] = Expression(BASE_SHEAR, system.names, (), system)
     return MappingProxyType(found)
 

@@ -124,13 +124,10 @@ def _is_units(row: Sequence[str]) -> bool:
 def _place(header: Sequence[str], wanted: str, where: str) -> int:
     if header.count(wanted) == 1:
         return header.index(wanted)
-    if wanted in header:
-        raise DataFileError(f"{where}: {header.count(wanted)} columns are called {wanted!r}")
     shown = [excerpt(one) for one in header[:10]]
-    raise DataFileError(
-        f"{where}: no column is called {excerpt(wanted)!r}{suggestion(wanted, shown)} "
-        f"(columns: {listed(shown)}{', ...' if len(header) > len(shown) else ''})"
-    )
+    words = f"{header.count(wanted) or 'no'} columns are called {excerpt(wanted)!r}"
+    words += f"{suggestion(wanted, shown)} (columns: {listed(shown)})"
+    raise DataFileError(f"{where}: {words}")
 
 
 def _number(cell: str, decimal: str = ".") -> float:
