@@ -16,9 +16,9 @@ from fvi_cli.effects.forcing import Forcing
 from fvi_cli.effects.matrices import (
     Form,
     as_csc,
-    as_csr,
     dense,
     entries,
+    form,
     is_sparse,
     times,
 )
@@ -202,15 +202,6 @@ def neighbour_rows(masses: int, ends: Ends) -> Array:
     return rows[int(ends == "none") : masses + int(ends == "both")]
 
 
-def _springs(rows: Array, stiffness: Array, *, sparse: bool = False) -> Form:
-    """The matrix of the energy of springs with elongations B x."""
-    if not sparse:
-        return np.asarray((rows.T * stiffness) @ rows)
-    few: Any = as_csr(rows)
-    whole: Form = few.T @ few.multiply(stiffness[:, None])
-    return whole
-
-
 @scene_function
 def chain(
     *,
@@ -233,7 +224,7 @@ def chain(
     rows = neighbour_rows(masses, ends)
     return structure(
         mass=mass * np.eye(masses),
-        stiffness=_springs(rows, np.full(len(rows), stiffness)),
+        stiffness=stiffness * rows.T @ rows,
         **with_dampers(data, dampers, rows),
     )
 
@@ -262,10 +253,10 @@ def frame(
     """
     masses = per_coordinate(mass, storeys, "mass")
     springs = per_coordinate(stiffness, storeys, "stiffness")
-    rows, is_tall = neighbour_rows(storeys, "left"), storeys > LARGEST_DENSE
+    rows, kept = neighbour_rows(storeys, "left"), form if storeys > LARGEST_DENSE else np.asarray
     return structure(
-        mass=_springs(np.eye(storeys), masses, sparse=is_tall),
-        stiffness=_springs(rows, springs, sparse=is_tall),
+        mass=kept(np.diag(masses)),
+        stiffness=kept((rows.T * springs) @ rows),
         ground_acceleration=ground_acceleration,
         rayleigh=rayleigh,
         **with_dampers(data, dampers, rows),

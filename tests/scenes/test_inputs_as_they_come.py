@@ -121,7 +121,7 @@ def test_decimal_commas_are_read_where_they_are_said(file_of, text):
         ("t,x\n0.0,1\n0.1,NaN\n0.2,\n", ".", "a.csv:3: column 'x' holds 'NaN'"),
         ("t,x\n0.0,1\n0.1,2\n0.2,\n", ".", "a.csv:4: column 'x' holds ''"),
         ("t,x\n0,5,1.2\n", ".", "a.csv:2: 3 cells, but 2 names"),
-        ("t,y\n0,5\n1,2\n", ".", "a.csv:1: no column is called 'x'"),
+        ("t,y\n0,5\n1,2\n", ".", "a.csv:1: no columns are called 'x'"),
         ("t,x\nnan,nan\n0,1\n", ".", "a.csv:2: "),
         ("t,x\n", ".", "no samples"),
         ("", ".", "a.csv:1: the file is empty"),

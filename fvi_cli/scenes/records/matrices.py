@@ -200,6 +200,8 @@ class Numbers(FromFile):
             return read_csv_columns(path, name, (self.column,), decimal=self.decimal)[0].ravel()
         try:
             found = _numbers_of(path, name)
+        except DataFileError:
+            raise
         except (ValueError, UserWarning) as error:
             reason = excerpt(str(error), 160)
             raise DataFileError(f"{name}: not a list of numbers: {reason}") from None

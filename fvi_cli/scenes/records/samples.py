@@ -71,8 +71,7 @@ class Samples(FromFile):
     def end(self, final_time: float) -> float:
         """Time before T at which samples with ``beyond: zero`` end; infinite otherwise."""
         last = float(self.numbers[-1, 0])
-        is_early = self.beyond == "zero" and last < final_time * (1.0 - 1e-9)
-        return last if is_early else math.inf
+        return last if self.beyond == "zero" and last < final_time * (1.0 - 1e-9) else math.inf
 
 
 @functools.lru_cache(maxsize=64)
