@@ -127,13 +127,10 @@ def _stored_arrays(finished: FinishedRun) -> tuple[dict[str, NDArray[Any]], bool
         return arrays, False
     own, grid = arrays[TIME], _grid(run.experiment, run.method, run.n_steps)
     common = min(own.size, grid.size)
-    if not common:
-        return arrays, False
-    spacing = float(np.diff(grid).min(initial=grid[-1]))
-    off = np.flatnonzero(np.abs(own[:common] - grid[:common]) > 1e-6 * spacing)
-    points = int(off[0]) if off.size else common
+    is_same = np.isclose(own[:common], grid[:common], rtol=1e-9, atol=0.0)
+    points = int(np.append(is_same, False).argmin())
     # an event may have ended the run between the points of the grid
-    if points < own.size - 1:
+    if points < max(1, own.size - 1):
         return arrays, False
     # members have the times of their sweep bit by bit
     arrays = {n: one[:points] if axes_of(n)[0] == TIME else one for n, one in arrays.items()}
