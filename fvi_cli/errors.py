@@ -67,10 +67,6 @@ class StorageError(FviError):
     """A result file that cannot be read or written (exit code 2)."""
 
 
-class ExecutorError(FviError):
-    """Workers that cannot be reached or used (exit code 2)."""
-
-
 LONGEST_EXCERPT = 60
 
 
@@ -90,19 +86,9 @@ def printable(text: str) -> str:
 
 def suggestion(word: str, known: Iterable[str]) -> str:
     """``; did you mean 'x'?`` for the nearest known word, or an empty text."""
-    found = nearest(word, known)
-    return f"; did you mean {found!r}?" if found else ""
-
-
-def nearest(word: str, known: Iterable[str]) -> str:
-    """The nearest known word, or an empty text."""
     by_case = {name.lower(): name for name in known}
-    short = word.lower()[:LONGEST_EXCERPT]
-    found = difflib.get_close_matches(short, by_case, n=1)
-    if not found and len(short) > 3:
-        # such as explicit-euler for euler
-        found = [name for name in by_case if short in name][:1]
-    return by_case[found[0]] if found else ""
+    found = difflib.get_close_matches(word.lower()[:LONGEST_EXCERPT], by_case, n=1)
+    return f"; did you mean {by_case[found[0]]!r}?" if found else ""
 
 
 def listed(words: Iterable[str]) -> str:

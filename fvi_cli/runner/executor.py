@@ -22,7 +22,7 @@ from concurrent.futures import (
     wait,
 )
 
-from fvi_cli.errors import ExecutorError
+from fvi_cli.errors import RequestError
 from fvi_cli.runner.work import Batch, compute, compute_packed, packed
 
 AHEAD = 2
@@ -93,7 +93,7 @@ def _drain(
     except BrokenExecutor as error:
         failed |= dict.fromkeys([batch, *futures.values()], error)
     except CancelledError:
-        raise ExecutorError("the Dask scheduler is gone; run the command again to go on") from None
+        raise RequestError("the Dask scheduler is gone; run the command again to go on") from None
 
 
 @contextlib.contextmanager
@@ -160,7 +160,7 @@ def _dask(address: str) -> Iterator[Executor]:
     try:
         from distributed import Client
     except ModuleNotFoundError as error:
-        raise ExecutorError(
+        raise RequestError(
             f"--dask needs the package {error.name}: install fvi-cli[dask]"
         ) from None
     # the package logs tracebacks of broken connections; the errors here replace them
@@ -168,6 +168,6 @@ def _dask(address: str) -> Iterator[Executor]:
     try:
         client = Client(address, timeout=CONNECTION_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
-        raise ExecutorError(f"{address}: no Dask scheduler answers there: {error}") from None
+        raise RequestError(f"{address}: no Dask scheduler answers there: {error}") from None
     with client, client.get_executor(pure=False, retries=0) as pool:
         yield pool

@@ -20,7 +20,6 @@ from fvi_cli.storage.parts import SETTINGS
 from fvi_cli.storage.store import Store, StoredConfiguration
 from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words
 
-_CONFIG_KEYS: Final = {"norm": "report.norm", "store_every": "store.every"}
 _ABSENT: Final = object()
 MOST_WORDS: Final = 12
 """Most settings that are said to differ."""
@@ -116,4 +115,4 @@ def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
         for index, inner in enumerate(value):
             yield from _leaves(inner, f"{path}.{index}")
     else:
-        yield _CONFIG_KEYS.get(path, path), value
+        yield path, value

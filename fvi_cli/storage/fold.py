@@ -87,13 +87,11 @@ class _Folded:
     ) -> None:
         self._file, self._is_kept, self._variants = file, is_kept, variants
         self._writer = GroupWriter(file)
-        for group, name, variant in list(experiments_in(file)):
-            # first what is not asked for, which makes room
-            if variants.get(name, variant) != variant and group.name == f"/{name}":
-                file.move(group.name, self._place(name, variant))
-        for group, name, variant in list(experiments_in(file)):
-            if variants.get(name) == variant and group.name != f"/{name}":
-                file.move(group.name, f"/{name}")
+        known = [one for one in experiments_in(file) if one[1] in variants]
+        # first what is not asked for, which makes room
+        for group, name, variant in sorted(known, key=lambda one: variants[one[1]] == one[2]):
+            if group.name != (place := self._place(name, variant)):
+                file.move(group.name, place)
 
     def _place(self, experiment: str, variant: str) -> str:
         """The path of an experiment with some settings."""

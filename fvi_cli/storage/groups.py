@@ -15,7 +15,6 @@ from typing import Any, Final
 
 import h5py
 import numpy as np
-from h5py import h5a
 from numpy.typing import NDArray
 
 from fvi_cli.storage.fields import COUNTS, OCCURRENCE, TIME, axes_of, field_named
@@ -40,9 +39,8 @@ NUMBER, DESIGN = "number", "design"
 """Place in the sweep, and name, of a member."""
 POINTS: Final = "points"
 """How many times a member has."""
-BLOCK_BYTES: Final = 2**24
-BLOCK_ROWS: Final = 4096
-"""Members are read in blocks of so many bytes and rows."""
+BLOCK_BYTES: Final = 2**23
+"""Members are read in blocks of so many bytes."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +63,7 @@ def run_groups(file: h5py.File | h5py.Group) -> Iterator[h5py.Group]:
     """All groups of runs and references."""
     for _, node in children(file):
         if isinstance(node, h5py.Group):
-            if IDENTITY in node or h5a.exists(node.id, IDENTITY.encode()):
+            if IDENTITY in node or IDENTITY in node.attrs:
                 yield node
             else:
                 yield from run_groups(node)
@@ -80,9 +78,7 @@ def identities_in(group: h5py.Group) -> list[str]:
 
 def keys_in(group: h5py.Group) -> tuple[str, ...]:
     """The swept keys of a group of members; empty: it has a single run."""
-    if not h5a.exists(group.id, SWEPT.encode()):
-        return ()
-    return tuple(json.loads(read_attributes(group, SWEPT)[SWEPT]))
+    return tuple(json.loads(group.attrs.get(SWEPT, "[]")))
 
 
 # --- writing --------------------------------------------------------------------------------------
@@ -198,8 +194,8 @@ def read_records(
         if axes_of(name) and (motions or name.startswith("events/"))
     }
     wanted = range(len(nodes[IDENTITY])) if rows is None else sorted(rows)
-    each = sum(node.nbytes for node in arrays.values()) // len(nodes[IDENTITY])
-    most = min(BLOCK_ROWS, max(1, BLOCK_BYTES // max(each, 1)))
+    each = sum(node.nbytes for node in (columns | arrays).values()) // len(nodes[IDENTITY])
+    most = max(1, BLOCK_BYTES // each)
     for start in range(0, len(wanted), most):
         own = wanted[start : start + most]
         span = slice(own[0], own[-1] + 1)

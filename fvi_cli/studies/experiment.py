@@ -271,13 +271,16 @@ class Run(Subject):
         quadrature = getattr(self.method, "quadrature", None)
         if quadrature is not None:
             method["quadrature"] = quadrature.label
-        found = {"method": method, "n_steps": self.n_steps, "store_every": experiment.store_every}
+        found = {"method": method, "n_steps": self.n_steps, "store.every": experiment.store_every}
         if experiment.grading != 1.0:
             found["grading"] = experiment.grading
         if experiment.diagnostics:
             found["diagnostics"] = {"energy_balance": True}
         if experiment.accuracy is not None:
-            found |= {"accuracy": experiment.accuracy.specification(), "norm": experiment.norm}
+            found |= {
+                "accuracy": experiment.accuracy.specification(),
+                "report.norm": experiment.norm,
+            }
         return found | experiment.observations.specification()
 
 

@@ -11,7 +11,7 @@ from stored_runs import assert_same
 
 import fvi_cli as api
 from fvi_cli.config import parse_config
-from fvi_cli.errors import ExecutorError
+from fvi_cli.errors import RequestError
 from fvi_cli.runner import executor, work
 from fvi_cli.runner.work import batches_of, compute, compute_packed, one_by_one_words, packed
 from fvi_cli.studies.study import execute
@@ -177,7 +177,7 @@ def test_a_scheduler_that_is_not_there_is_told(monkeypatch):
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         address = f"tcp://127.0.0.1:{probe.getsockname()[1]}"
-    with pytest.raises(ExecutorError, match=re.escape(address) + ": no Dask scheduler"):
+    with pytest.raises(RequestError, match=re.escape(address) + ": no Dask scheduler"):
         api.run(load(OSCILLATORS), dask=address)
-    with pytest.raises(ExecutorError, match="nonsense"):
+    with pytest.raises(RequestError, match="nonsense"):
         api.run(load(OSCILLATORS), dask="nonsense://1")
