@@ -35,7 +35,6 @@ def save_figure(
     RequestError
         For an unknown format.
     """
-    directory.mkdir(parents=True, exist_ok=True)
     paths = []
     for kind in formats:
         if kind not in FORMATS:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from fvi_cli.reports.table import Block, Grid, Report, Sheet, Value
-from fvi_cli.storage.files import explain_os_error, replace_file
+from fvi_cli.storage.files import replace_file
 
 
 def csv_name(report: Report, sheet: Sheet) -> str:
@@ -38,11 +38,8 @@ def write(directory: Path, report: Report) -> list[Path]:
         If the folder or a file cannot be written.
     """
     texts = {directory / name: text for name, text in rendered(report).items()}
-    with explain_os_error(directory):
-        directory.mkdir(parents=True, exist_ok=True)
     for place, text in texts.items():
-        with explain_os_error(place):
-            replace_file(place, text.encode("utf-8"))
+        replace_file(place, text.encode("utf-8"))
     return list(texts)
 
 

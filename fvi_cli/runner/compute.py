@@ -21,7 +21,7 @@ from fvi_cli.runner.executor import compute_all
 from fvi_cli.runner.outcome import Outcome, is_unexpected_failure
 from fvi_cli.runner.progress import Task, progress_bar
 from fvi_cli.runner.request import Source, file_of, is_stored, load
-from fvi_cli.runner.work import Batch, batches_of, one_by_one_words, reference_batches_of
+from fvi_cli.runner.work import Batch, batches_of, reference_batches_of
 from fvi_cli.storage.identity import identity_of
 from fvi_cli.storage.store import Store
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
@@ -211,9 +211,6 @@ class _Work:
         own = [run for batch in batches for run in batch.runs]
         count = len(self.runs)
         _logger.debug("%s: %d runs, %d of them stored", name, count, count - len(self.missing))
-        for experiment in dict.fromkeys(one.experiment for one in own):
-            if experiment.members and (words := one_by_one_words(experiment)):
-                _logger.info("%s: %s", name, words)
         with progress_bar(name, len(own), wanted=progress) as advance:
             for waiting in (reference_batches_of(own), batches):
                 if workers > 1 or dask:

@@ -254,7 +254,6 @@ def write_fitted(config: LoadedConfig, results: Sequence[FitResult], output: Pat
         number = names.index(result.name)
         text = fitted_text(config, number, best.model.specification, motions, output)
         path = output / f"{result.name}-fitted.yaml"
-        output.mkdir(parents=True, exist_ok=True)
         replace_file(path, text.encode())
         paths.append(path)
     return paths

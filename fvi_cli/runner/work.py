@@ -61,7 +61,7 @@ def batches_of(runs: Sequence[Run]) -> list[Batch]:
     number = steps = 0
     pack: tuple[object, ...]
     for run in runs:
-        if run.member is not None and not one_by_one_words(run.experiment):
+        if _is_together(run):
             pack = (run.experiment, _pack(run), run.method, run.n_steps)
         else:
             # a search may take long
@@ -92,17 +92,15 @@ def _pack(run: Run) -> int:
     return -1 if run.member is None else run.member.number // most
 
 
-def one_by_one_words(experiment: Experiment) -> str:
-    """Why members of a sweep are integrated one by one; empty where they are a batch."""
-    reason = "impacts cut" if experiment.observations.impacts else ""
-    reason = "a tolerance chooses" if experiment.accuracy is not None else reason
-    return f"members are integrated one by one: {reason} the steps of each" * bool(reason)
+def _is_together(run: Run) -> bool:
+    """Whether a run is integrated with others; impacts and tolerances choose steps of each."""
+    chooses_steps = run.is_search or bool(run.experiment.observations.impacts)
+    return run.member is not None and not chooses_steps
 
 
 def compute(batch: Batch) -> bytes:
     """The part of a batch."""
-    first = batch.runs[0]
-    is_pack = first.member is not None and not one_by_one_words(first.experiment)
+    is_pack = _is_together(batch.runs[0])
     groups = [batch.runs] if is_pack else [(run,) for run in batch.runs]
     with warnings.catch_warnings():
         # overflows need no warning: the status of a run reports them

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from fvi_cli.errors import RequestError
 from fvi_cli.storage.fields import TIME, axes_of
-from fvi_cli.storage.files import explain_os_error, replace_file
+from fvi_cli.storage.files import replace_file
 from fvi_cli.storage.fold import experiments_in
 from fvi_cli.storage.groups import DESIGN, NUMBER, Record, read_records, run_groups
 from fvi_cli.storage.hdf5 import Source, opened
@@ -47,9 +47,7 @@ def export_file(path: Path | str, directory: Path | str) -> list[Path]:
             target = directory / f"{_name(one)}.csv"
             if target in written:  # a run with other settings
                 target = target.with_stem(f"{target.stem}-{len(written)}")
-            with explain_os_error(target):
-                directory.mkdir(parents=True, exist_ok=True)
-                replace_file(target, _csv(one).encode())
+            replace_file(target, _csv(one).encode())
             written.append(target)
     if not written:
         raise RequestError(f"{path}: holds no runs")

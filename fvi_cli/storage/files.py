@@ -25,39 +25,29 @@ def replace_file(path: Path, content: bytes) -> None:
 def replacement(path: Path) -> Iterator[Path]:
     """A new path in the folder of `path`, whose file replaces `path` when the block has ended.
 
-    On any failure `path` stays as it was, and the new file is removed. Where `path` is a link, its
-    target is replaced. The new file has the mode of the old.
+    The folder is made where it is missing. On any failure `path` stays as it was, and the new file
+    is removed. The new file has the mode of the old.
+
+    Raises
+    ------
+    StorageError
+        For an error of the operating system, with the path and the reason.
     """
-    # a link may lead to a file that does not exist
-    target = path.resolve() if path.is_symlink() else path
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}{UNFINISHED}")
+    temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}{UNFINISHED}")
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         yield temporary
-        if target.exists():
-            shutil.copymode(target, temporary)
+        if path.exists():
+            shutil.copymode(path, temporary)
         with temporary.open("rb+") as file:
             os.fsync(file.fileno())
-        temporary.replace(target)
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        # for a full disk the system gives no name, for a folder that of the unfinished file
-        if isinstance(error, OSError) and str(error.filename or UNFINISHED).endswith(UNFINISHED):
-            error.filename = str(path)
-        raise
-
-
-@contextlib.contextmanager
-def explain_os_error(path: Path) -> Iterator[None]:
-    """Turn an error of the operating system into one that names `path` and the reason."""
-    try:
-        yield
+        temporary.replace(path)
     except OSError as error:
-        raise StorageError(f"{path}: cannot be written: {reason(error)}") from error
-
-
-def reason(error: OSError) -> str:
-    """The reason that the operating system gives, without additions of libraries."""
-    return os.strerror(error.errno) if error.errno else str(error)
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise StorageError(f"{path}: cannot be written: {reason}") from error
+    finally:
+        with contextlib.suppress(OSError):
+            temporary.unlink()
 
 
 @contextlib.contextmanager

@@ -8,7 +8,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fvi_cli.storage.files import explain_os_error, replacement
+from fvi_cli.storage.files import replacement
 from fvi_cli.storage.hdf5 import LIBVER, attach_scales, make_group, put, write_attributes
 from fvi_cli.studies.vibration.modes import ModeTable
 
@@ -22,15 +22,10 @@ def write_mode_shapes(path: Path, tables: Sequence[ModeTable]) -> None:
     ``residual``, all ``(mode,)``; ``shape_real``, ``shape_imaginary``, ``(mode, dof)``, the
     largest entry of each shape being 1; ``coordinate(dof)``: names. Every axis has a scale.
     """
-    with explain_os_error(path):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with (
-            replacement(path) as temporary,
-            h5py.File(temporary, "w", libver=LIBVER) as file,
-        ):
-            for number, table in enumerate(tables):
-                name = f"{table.name}/{number:05d}" if table.member else table.name
-                _write(make_group(file, name), table)
+    with replacement(path) as temporary, h5py.File(temporary, "w", libver=LIBVER) as file:
+        for number, table in enumerate(tables):
+            name = f"{table.name}/{number:05d}" if table.member else table.name
+            _write(make_group(file, name), table)
 
 
 def _write(group: h5py.Group, table: ModeTable) -> None:

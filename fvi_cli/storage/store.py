@@ -15,7 +15,7 @@ from typing import Any, Final
 from fvi_cli.errors import StorageError
 from fvi_cli.scenes.records.inputs import keep_numbers
 from fvi_cli.storage.fields import TIME, finished_of
-from fvi_cli.storage.files import UNFINISHED, explain_os_error, file_lock, replace_file
+from fvi_cli.storage.files import UNFINISHED, file_lock, replace_file
 from fvi_cli.storage.fold import KEPT, fold_files
 from fvi_cli.storage.groups import Record, identities_in, read_records, run_groups
 from fvi_cli.storage.hdf5 import OTHER_VERSION, Source, damage_named, opened, read_plain
@@ -131,9 +131,7 @@ class Store:
         if not self.keeps:
             self._memory[name] = content
             return
-        with explain_os_error(self.folder):
-            self.folder.mkdir(parents=True, exist_ok=True)
-            replace_file(self.folder / name, content)
+        replace_file(self.folder / name, content)
 
     def read(self, runs: Sequence[Run], *, motions: bool = True) -> dict[Run, FinishedRun]:
         """The stored ones among some runs; a search gives the run that it chose.
@@ -225,10 +223,7 @@ class Store:
             or not (self.parts() or (prunes and self.path.exists()))
         ):
             return
-        with (
-            explain_os_error(self.path),
-            file_lock(self.path.with_name(f".{self.path.name}.lock")),
-        ):
+        with file_lock(self.path.with_name(f".{self.path.name}.lock")):
             # of a fold that was killed
             for one in self.path.parent.glob(f".{self.path.name}.*{UNFINISHED}"):
                 one.unlink(missing_ok=True)

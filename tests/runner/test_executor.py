@@ -13,7 +13,7 @@ import fvi_cli as api
 from fvi_cli.config import parse_config
 from fvi_cli.errors import RequestError
 from fvi_cli.runner import executor, work
-from fvi_cli.runner.work import batches_of, compute, compute_packed, one_by_one_words, packed
+from fvi_cli.runner.work import batches_of
 from fvi_cli.studies.study import execute
 
 OSCILLATORS = (
@@ -59,56 +59,12 @@ def test_a_batch_gives_what_every_run_gives_alone(text):
     assert len({float(one.trajectory.position[-1, 0]) for one in outcome.finished}) == len(runs)
 
 
-def test_a_batch_that_was_sent_gives_the_same_bits():
-    (loaded,) = load(PENDULUMS).experiments
-    (first, *_) = batches_of(loaded.runs())
-    assert len(compute(first)) == len(compute_packed(packed(first)))
-
-
 @pytest.mark.processes
 @pytest.mark.parametrize("text", [OSCILLATORS, PENDULUMS])
 def test_processes_give_the_same_runs(text):
     (here,), (there,) = api.run(load(text)), api.run(load(text), workers=2)
     for one, other in zip(here.finished, there.finished, strict=True):
         assert_same(one, other, TIMED)
-
-
-@pytest.mark.parametrize(
-    ("more", "reason"),
-    [
-        ("impacts: {floor: {when: x + 2}}\noutput: {step: 1.0}\n", "impacts"),
-        ("accuracy: {tolerance: 1e-3}\n", "tolerance"),
-        ("", ""),
-    ],
-)
-def test_a_line_says_why_members_are_no_batch(more, reason, caplog):
-    text = OSCILLATORS.replace(", {bdf: 2, sampling: nodes}", "")
-    if "accuracy" in more:
-        text = "".join(
-            one for one in text.splitlines(keepends=True) if one[:6] not in ("method", "ladder")
-        )
-    words = one_by_one_words(load(text + more).experiments[0])
-    assert reason in words
-    assert bool(words) == bool(reason)
-
-
-def test_a_mistake_of_the_program_costs_its_own_batch(monkeypatch, tmp_path):
-    usual = work.execute_batch
-
-    def mistaken(runs, *arguments, **options):
-        if runs[0].n_steps == 16 and runs[0].method.is_runge_kutta:
-            raise ZeroDivisionError("made up")
-        return usual(runs, *arguments, **options)
-
-    monkeypatch.setattr(work, "execute_batch", mistaken)
-    (outcome,) = api.run(load(OSCILLATORS), output=tmp_path)
-    failed = [one for one in outcome.finished if one.status == "failed"]
-    assert {(one.run.method.case, one.run.n_steps) for one in failed} == {("gauss-s2-graded", 16)}
-    assert "ZeroDivisionError" in failed[0].trajectory.message
-    monkeypatch.undo()
-    # it is not stored
-    (again,) = api.run(load(OSCILLATORS), output=tmp_path)
-    assert not [one for one in again.finished if one.status == "failed"]
 
 
 def test_references_are_found_once_and_stored(monkeypatch, tmp_path):
