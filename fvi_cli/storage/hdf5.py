@@ -60,25 +60,20 @@ STRANGER: Final = (
     "or --output"
 )
 
-Source = Path | bytes
-"""A file, or the content of one in memory."""
+Source = Path | io.BytesIO
+"""A file, or one in memory."""
 
 
 @contextlib.contextmanager
 def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
-    """Open a result file, or the content of one, for reading.
+    """Open a result file for reading.
 
     Raises
     ------
     StorageError
         Where HDF5 cannot read `part` of it, and for files that this version has not written.
     """
-    if isinstance(source, Path) and source.is_dir():
-        raise StorageError(f"{source}: is a folder, not a result file")
-    with (
-        damage_named(source, part),
-        h5py.File(io.BytesIO(source) if isinstance(source, bytes) else source) as file,
-    ):
+    with damage_named(source, part), h5py.File(source) as file:
         _refuse_strangers(file, source)
         yield file
 
@@ -94,7 +89,7 @@ def damage_named(source: Source, part: str) -> Iterator[None]:
         if isinstance(source, Path) and not h5py.is_hdf5(source):
             raise StorageError(STRANGER.format(path=source)) from error
         raise StorageError(
-            f"{_name_of(source)}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in "
+            f"{source}: HDF5 cannot read {part}: {' '.join(str(error).split())}; runs in "
             "other parts are whole; move the file away, and its runs are computed again"
         ) from error
 
@@ -102,15 +97,11 @@ def damage_named(source: Source, part: str) -> Iterator[None]:
 def _refuse_strangers(file: h5py.File, source: Source) -> None:
     creator, number = file.attrs.get("creator"), file.attrs.get("format")
     if creator not in (CREATOR, CREATOR.encode()) or number is None:
-        raise StorageError(STRANGER.format(path=_name_of(source)))
+        raise StorageError(STRANGER.format(path=source))
     if number != FORMAT:
         version = file.attrs.get("fvi_version", "another version")
         version = version.decode() if isinstance(version, bytes) else version
-        raise StorageError(OTHER_VERSION.format(path=_name_of(source), version=version))
-
-
-def _name_of(source: Source) -> str:
-    return "results in memory" if isinstance(source, bytes) else str(source)
+        raise StorageError(OTHER_VERSION.format(path=source, version=version))
 
 
 def make_group(file: h5py.File, path: str) -> h5py.Group:
@@ -197,18 +188,18 @@ def attach_scales(
         for axis, size in zip(own, group[name].shape, strict=True):
             if axis not in axes:
                 put(group, axis, np.arange(size, dtype="<i8"), grows=grows)
-    every = [*axes, *dict.fromkeys(axis for own in axes.values() for axis in own)]
-    sets = {name: group[name].id for name in every}
-    for node in sets.values():
+    scales = dict.fromkeys(axis for own in axes.values() for axis in own)
+    nodes = {name: group[name].id for name in (*axes, *scales)}
+    for node in nodes.values():
         for attribute in SCALE_ATTRIBUTES:
             if h5a.exists(node, attribute):
                 h5a.delete(node, attribute)
-    for axis in dict.fromkeys(axis for own in axes.values() for axis in own):
-        h5ds.set_scale(sets[axis], axis.rpartition("/")[2].encode())
+    for axis in scales:
+        h5ds.set_scale(nodes[axis], axis.rpartition("/")[2].encode())
     for name, own in axes.items():
         if own != (name,):
             for number, axis in enumerate(own):
-                h5ds.attach_scale(sets[name], sets[axis], number)
+                h5ds.attach_scale(nodes[name], nodes[axis], number)
 
 
 def as_text(value: Any) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import os
 import platform
 import subprocess
 from datetime import UTC, datetime
@@ -36,16 +35,10 @@ def commit_of(package: Path) -> str:
     """
     if not (package.parent / ".git").exists():
         return "unknown"
-    # a caller's own GIT_DIR (as in a hook) would lead to another repository
-    environment = {k: v for k, v in os.environ.items() if not k.startswith("GIT_")}
+    command = ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"]
     try:
-        return subprocess.check_output(
-            ["git", "describe", "--always", "--abbrev=40", "--exclude=*", "--dirty"],  # noqa: S607
-            cwd=package,
-            stderr=subprocess.DEVNULL,
-            text=True,
-            timeout=10.0,
-            env={**environment, "GIT_OPTIONAL_LOCKS": "0"},
+        return subprocess.check_output(  # noqa: S603
+            command, cwd=package, stderr=subprocess.DEVNULL, text=True, timeout=10.0
         ).strip()
     except (OSError, subprocess.SubprocessError):
         return "unknown"

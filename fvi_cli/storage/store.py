@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import logging
 import time
@@ -64,7 +65,7 @@ class Store:
     def __init__(self, path: Path | None, *, keeps: bool = True) -> None:
         self.path = path
         self.keeps = keeps and path is not None
-        self._memory: dict[str, bytes] = {}
+        self._memory: dict[str, io.BytesIO] = {}
         self._places: dict[str, Place] = {}
         self._known: dict[Source, int] = {}
         if path is not None:
@@ -110,17 +111,14 @@ class Store:
 
     def look(self) -> None:
         """Find the runs of the file and of the parts that are new."""
-        if self.path is not None and self.path.exists():
-            changed = self.path.stat().st_mtime_ns
-            if self._known.get(self.path) != changed:
-                self._places |= _surveyed(self.path)
-                self._known[self.path] = changed
-        sources: list[Source] = [*self.parts(), *self._memory.values()]
+        sources: list[Source] = [*self.sources(), *self._memory.values()]
         for source in sources:
-            if source not in self._known:
-                self._known[source] = 0
-                with contextlib.suppress(FileNotFoundError):
+            # another command may have folded it
+            with contextlib.suppress(FileNotFoundError):
+                changed = source.stat().st_mtime_ns if isinstance(source, Path) else 0
+                if self._known.get(source) != changed:
                     self._places |= _surveyed(source)
+                    self._known[source] = changed
 
     def has(self, identity: str) -> bool:
         """Whether a run or a reference is stored."""
@@ -129,7 +127,7 @@ class Store:
     def add(self, name: str, content: bytes) -> None:
         """Store a part; :meth:`look` finds its runs."""
         if not self.keeps:
-            self._memory[name] = content
+            self._memory[name] = io.BytesIO(content)
             return
         replace_file(self.folder / name, content)
 
@@ -242,7 +240,12 @@ class Store:
             fold_files(self.path, parts, is_kept, variants, prunes=prunes)
             for one in parts:
                 one.unlink(missing_ok=True)
-            self._remove_unfinished()
+            # another command may have written a part meanwhile
+            if not self.parts():
+                with contextlib.suppress(OSError):
+                    for one in self.folder.glob(f".*{UNFINISHED}"):
+                        one.unlink(missing_ok=True)
+                    self.folder.rmdir()
         self._places.clear()
         self._known.clear()
         self.look()
@@ -251,15 +254,6 @@ class Store:
                 "%s: also holds %d runs with other settings; `fvi show` lists them, "
                 "`fvi run --prune` drops them", self.path, kept,
             )  # fmt: skip
-
-    def _remove_unfinished(self) -> None:
-        """Remove the folder of parts, with files that a killed command left there."""
-        # another command may have written a part meanwhile
-        if not self.parts():
-            with contextlib.suppress(OSError):
-                for path in self.folder.glob(f".*{UNFINISHED}"):
-                    path.unlink(missing_ok=True)
-                self.folder.rmdir()
 
 
 def _chosen(run: Run, values: Mapping[str, Any]) -> Run:
