@@ -47,15 +47,6 @@ experiments:
 """
 
 
-@pytest.fixture(scope="module")
-def files(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    """The file of results."""
-    folder = tmp_path_factory.mktemp("interchange")
-    loaded = parse_config(CONFIG, "everything.yaml")
-    run(loaded, output=folder)
-    return [folder / "everything.h5"]
-
-
 def groups_of(path: Path) -> dict[str, dict[str, Any]]:
     """Every group with arrays, as h5py reads it."""
     found: dict[str, dict[str, Any]] = {}
@@ -72,31 +63,25 @@ def groups_of(path: Path) -> dict[str, dict[str, Any]]:
 
 
 @pytest.mark.parametrize("engine", ["h5netcdf", "netcdf4"])
-def test_every_file_is_opened_with_the_numbers_in_it(files, engine):
-    statuses = set()
-    for path in files:
-        expected = groups_of(path)
-        with warnings.catch_warnings():
-            # names with dots and the like are remarked on by some versions
-            warnings.simplefilter("ignore")
-            opened = {
-                name: data.load() for name, data in xr.open_groups(path, engine=engine).items()
-            }
-        assert {name for name, data in opened.items() if data.variables} == set(expected)
-        for name, arrays in expected.items():
-            data = opened[name]
-            assert set(data.variables) == set(arrays)
-            for own, values in arrays.items():
-                found = np.asarray(data[own])
-                if found.dtype.kind == "f":
-                    np.testing.assert_array_equal(found, values)  # nan is nan
-                elif found.dtype.kind in "iu":
-                    assert found.tolist() == np.asarray(values).tolist()
-                else:
-                    read = [
-                        one.decode() if isinstance(one, bytes) else one for one in found.tolist()
-                    ]
-                    assert read == np.asarray(values).tolist()
-            status = data.attrs.get("status", b"")
-            statuses |= {status.decode() if isinstance(status, bytes) else status}
+def test_a_file_is_opened_with_the_numbers_in_it(tmp_path, engine):
+    run(parse_config(CONFIG, "everything.yaml"), output=tmp_path)
+    path = tmp_path / "everything.h5"
+    expected, statuses = groups_of(path), set()
+    with warnings.catch_warnings():
+        # names with dots and the like are remarked on by some versions
+        warnings.simplefilter("ignore")
+        opened = {name: data.load() for name, data in xr.open_groups(path, engine=engine).items()}
+    assert {name for name, data in opened.items() if data.variables} == set(expected)
+    for name, arrays in expected.items():
+        data = opened[name]
+        assert set(data.variables) == set(arrays)
+        for own, values in arrays.items():
+            found = np.asarray(data[own])
+            if found.dtype.kind in "fiu":
+                np.testing.assert_array_equal(found, values)  # nan is nan
+            else:
+                read = [one.decode() if isinstance(one, bytes) else one for one in found.tolist()]
+                assert read == np.asarray(values).tolist()
+        status = data.attrs.get("status", b"")
+        statuses |= {status.decode() if isinstance(status, bytes) else status}
     assert {"ok", "diverged"} <= statuses
