@@ -20,7 +20,6 @@ from fvi_cli.storage.parts import SETTINGS
 from fvi_cli.storage.store import Store, StoredConfiguration
 from fvi_cli.studies.members import counts_in_words, swept_in_words, value_in_words
 
-_ABSENT: Final = object()
 MOST_WORDS: Final = 12
 """Most settings that are said to differ."""
 COUNTED: Final = ("status", "predicted")
@@ -97,11 +96,8 @@ def _stored_run(experiment: str, group: h5py.Group, variant: str) -> StoredRun:
 def difference_in_words(base: Mapping[str, Any], own: Mapping[str, Any]) -> str:
     """``problem.stiffness = 2, store.every = 4``: settings of `own` that `base` does not have."""
     before, after = dict(_leaves(base)), dict(_leaves(own))
-    texts = [
-        f"{key} = {value_in_words(value)}"
-        for key, value in after.items()
-        if before.get(key, _ABSENT) != value
-    ]
+    changed = (one for one in after.items() if one not in before.items())
+    texts = [f"{key} = {value_in_words(value)}" for key, value in changed]
     texts += [f"no {key}" for key in before if key not in after]
     more = f"and {len(texts) - MOST_WORDS} more"
     return ", ".join(texts[:MOST_WORDS] + [more] * (len(texts) > MOST_WORDS))

@@ -65,15 +65,15 @@ Source = Path | io.BytesIO
 
 
 @contextlib.contextmanager
-def opened(source: Source, part: str = "it") -> Iterator[h5py.File]:
+def opened(source: Source) -> Iterator[h5py.File]:
     """Open a result file for reading.
 
     Raises
     ------
     StorageError
-        Where HDF5 cannot read `part` of it, and for files that this version has not written.
+        Where HDF5 cannot read it, and for files that this version has not written.
     """
-    with damage_named(source, part), h5py.File(source) as file:
+    with damage_named(source, "it"), h5py.File(source) as file:
         _refuse_strangers(file, source)
         yield file
 

@@ -178,7 +178,7 @@ class Store:
         if self.path is None or not self.keeps:
             return
         if self.path.exists():
-            with opened(self.path, CONFIGURATION) as file:
+            with opened(self.path) as file:
                 if read_plain(file, CONFIGURATION).get(CONFIGURATION) == texts:
                     return
         # parts are folded in the order of their names, the latest last
@@ -197,7 +197,7 @@ class Store:
             hint = "" if str(self.path).endswith(SUFFIX) else "; result files end in .h5"
             raise StorageError(f"{self.path}: no such file{hint}")
         for source in reversed(self.sources()):
-            with opened(source, CONFIGURATION) as file:
+            with opened(source) as file:
                 if texts := read_plain(file, CONFIGURATION).get(CONFIGURATION):
                     for inputs in read_plain(file, INPUTS).values():
                         keep_numbers(inputs["numbers"])

@@ -2,19 +2,85 @@
 
 import os
 import re
+import shutil
 import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
+from command_line import LADDER
 from command_line import fvi as here
-from commands import N_RUNS, QUICK, SLOW, complete_runs, confined, started
 from spread import spread
+from stored_runs import kept_in
+
+import fvi_cli
+from fvi_cli.runner.request import load
 
 pytest.importorskip("fcntl", reason="limits and locks of Unix")
 pytestmark = pytest.mark.processes
 
+QUICK = LADDER.replace("48]", "48, 64, 96]")
+# nonlinear: the last run takes minutes, in little memory
+SLOW = """\
+name: quick
+problem: {kind: duffing, forcing: 0.3*cos(1.2*t), final_time: 1.0, exact: none}
+method: {bdf: 1, sampling: nodes, degree: 1}
+ladder: {steps: [8, 16, 5000000]}
+"""
 FILES = {"quick.yaml": QUICK, "slow.yaml": SLOW}
 FEW = ("--set", "ladder.steps=[8, 16]")
+
+
+COMMAND = [sys.executable, "-m", "fvi_cli"]
+
+
+def environment() -> dict[str, str]:
+    """Variables for a process that runs the package which is tested here."""
+    package = str(Path(fvi_cli.__file__).parents[1])
+    search = os.pathsep.join(filter(None, [package, os.environ.get("PYTHONPATH")]))
+    # buffered as users have it: what a stream refuses stays in the buffer
+    return {**os.environ, "PYTHONPATH": search, "PYTHONUNBUFFERED": ""}
+
+
+def started(folder: Path, *arguments: object) -> subprocess.Popen[str]:
+    """Begin a command in `folder`; its standard error can be read line by line."""
+    return subprocess.Popen(
+        [*COMMAND, *map(str, arguments)],
+        cwd=folder,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+def confined(folder: Path, script: str) -> subprocess.CompletedProcess[str] | None:
+    """Run a shell script with mounts of its own, ``$FVI`` being the command, ``$PYTHON`` Python.
+
+    None where the system allows nobody to mount anything.
+    """
+    if shutil.which("unshare") is None:
+        return None
+    prefix = ["unshare", "--map-root-user", "--mount", "sh", "-euc"]
+    probe = [*prefix, "mount -t tmpfs tmpfs ."]
+    if subprocess.run(probe, cwd=folder, capture_output=True, check=False).returncode:
+        return None
+    return subprocess.run(
+        [*prefix, script],
+        cwd=folder,
+        env={**environment(), "FVI": " ".join(COMMAND), "PYTHON": sys.executable},
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+    )
+
+
+def complete_runs(path: Path, config: str = "quick.yaml") -> int:
+    """How many runs of a configuration are in a file, which must be readable, and in its parts."""
+    return kept_in(path, [run for one in load(config).experiments for run in one.runs()])
 
 
 def wait_for_parts(folder, count: int) -> None:
@@ -111,7 +177,7 @@ def test_on_a_full_disk_it_says_so_and_goes_on_where_there_is_room_again(folder)
     assert re.search(r"^fvi: .*cannot be written: No space left on device", done.stderr, re.M)
     assert "code 2" in done.stdout
     assert done.stdout.count("reuse") == 3
-    assert complete_runs(folder / "after.h5") == N_RUNS
+    assert complete_runs(folder / "after.h5") == 24
 
 
 MANY = """\

@@ -1,5 +1,6 @@
 """Commands that are killed at any time lose nothing but batches under way."""
 
+import contextlib
 import os
 import random
 import signal
@@ -44,7 +45,8 @@ def test_kills_at_any_time_lose_nothing_that_is_stored(tmp_path):
         if drawn.random() < 0.5:
             process.kill()
         else:
-            os.killpg(process.pid, signal.SIGKILL)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
         process.wait()
         found = Store(tmp_path / "results/many.h5").read(runs, motions=False)
         now = {(run.n_steps, run.member.number) for run in found}
