@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Final, Literal, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, TypeAdapter
+from pydantic import Field
 
 from fvi_cli.effects.damping import FractionalDamping
 from fvi_cli.effects.forcing import Forcing
@@ -67,13 +66,7 @@ class RayleighFactors(Keys):
 Rayleigh = Annotated[RayleighRatios | RayleighFactors, BY_FORM]
 
 
-@functools.cache
-def _rayleigh() -> TypeAdapter[Any]:
-    # models are slow to make
-    return TypeAdapter(Rayleigh)
-
-
-def rayleigh_damping(mass: Form, stiffness: Form, given: object) -> FractionalDamping:
+def rayleigh_damping(mass: Form, stiffness: Form, given: Any) -> FractionalDamping:
     r"""The term :math:`(a M + b K) D^\gamma x` of a mapping with its factors or two ratios.
 
     Of ratios :math:`\zeta_i = a/(2 \omega_i) + b \omega_i/2`, and the order is 1.
@@ -84,7 +77,10 @@ def rayleigh_damping(mass: Form, stiffness: Form, given: object) -> FractionalDa
         For modes that do not exist or have the same frequency, and ratios that need a negative
         factor, which would make other modes grow.
     """
-    keys: Any = given if isinstance(given, Keys) else _rayleigh().validate_python(given)
+    keys = given
+    if isinstance(given, Mapping):
+        model = RayleighRatios if "ratios" in given else RayleighFactors
+        keys = model.model_validate(given)
     if isinstance(keys, RayleighFactors):
         whole = keys.mass * mass + keys.stiffness * stiffness
         return FractionalDamping(order=keys.order, coefficient=whole)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Final, Literal, cast
@@ -15,7 +14,7 @@ from fvi_cli.effects.damping import Coefficient, FractionalDamping
 from fvi_cli.effects.directions import read_directions
 from fvi_cli.effects.laws import ColeCole, Law, fractional_maxwell, fractional_zener, prony
 from fvi_cli.effects.matrices import Factored, dense, is_sparse
-from fvi_cli.errors import ArgumentError
+from fvi_cli.errors import ArgumentError, listed
 from fvi_cli.scenes.data import Effect
 from fvi_cli.scenes.keys.mistakes import Wrong
 from fvi_cli.scenes.keys.values import (
@@ -41,8 +40,14 @@ _NAME: Final = (
 )
 
 
+_NO_NUMBERS: Final = ("acts_on", "storey", "name", "law", "coefficient", "matrix")
+
+
 class Damper(Keys):
     """What every damper has: where it acts, and its name."""
+
+    make: ClassVar[Callable[..., Effect]]
+    """The function that makes the effect of own keys and a coefficient."""
 
     acts_on: Annotated[list[str], Field(min_length=1)] | None = key(
         "Coordinates or linear combinations of them on which the term acts, one per row of the "
@@ -63,23 +68,21 @@ class Damper(Keys):
         given = (vars(self).get(name) for name in ("coefficient", "matrix"))
         return next((one for one in given if one is not None), 1.0)
 
-    @abstractmethod
     def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
         """The effects; `on` converts a factor to the coefficient for all coordinates."""
+        own = {name: one for name, one in self if name not in _NO_NUMBERS}
+        return (type(self).make(**own, coefficient=on(self.factor)),)
 
 
 class Springpot(Damper):
     """A term mu D^gamma q."""
 
+    make = FractionalDamping
     law: Literal["springpot"] = key("Which law; the default.", "springpot", exclude=True)
     order: Order = key("Order gamma of the derivative.", 1.0)
     coefficient: NumberOrMatrix = key(
         "Factor mu, a number, a symmetric matrix or {file: C.mtx}.", unit=_FACTOR
     )
-
-    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
-        """The term."""
-        return (FractionalDamping(order=self.order, coefficient=on(self.factor)),)
 
 
 class KelvinVoigt(Damper):
@@ -105,7 +108,6 @@ class KelvinVoigt(Damper):
 class _Relaxing(Damper):
     """A relaxation law with its factor."""
 
-    make: ClassVar[Callable[..., Law]]
     coefficient: NumberOrMatrix | None = key(
         "Factor of the law (without it 1), a number, a symmetric matrix or {file: Kv.mtx}.", None
     )
@@ -115,12 +117,6 @@ class _Relaxing(Damper):
         """Two factors."""
         if self.matrix is not None and self.coefficient is not None:
             yield Wrong(("matrix",), "give this or coefficient, not both", of_key=True)
-
-    def effects(self, on: Callable[[Any], Any]) -> tuple[Effect, ...]:
-        """The law."""
-        own = {name: one for name, one in self if name not in _Relaxing.model_fields}
-        del own["law"]
-        return (type(self).make(**own, coefficient=on(self.factor)),)
 
 
 class Zener(_Relaxing):
@@ -189,13 +185,14 @@ def _coefficient(term: AnyTerm, names: Sequence[str], factor: Any) -> Coefficien
     given = factor.value if isinstance(factor, MatrixFile) else factor
     if term.acts_on is None:
         return cast(Coefficient, given)
+    if term.storey is not None:
+        raise ArgumentError("storey", "give this or acts_on, not both", at_key=True)
     rows = read_directions(term.acts_on, names)
     return Factored(rows=rows, inner=dense(given) if is_sparse(given) else np.asarray(given))
 
 
 def check_names_of_dampers(every: Sequence[Effect], place: str) -> None:
     """Refuse two dampers with the same name."""
-    used = [name for _, name in {(one.number, one.name) for one in every}]
-    for name in sorted({name for name in used if name}):
-        if used.count(name) > 1:
-            raise ArgumentError(place, f"two dampers have the name {name}")
+    names = [name for _, name in {(one.number, one.name) for one in every} if name]
+    if len({*names}) < len(names):
+        raise ArgumentError(place, f"two dampers have one name among {listed(sorted(names))}")

@@ -55,7 +55,7 @@ class Material(Kind):
     @model_validator(mode="after")
     def _fill_time(self) -> Self:
         if self.final_time is None and isinstance(self.displacement, Samples):
-            self.__dict__["final_time"] = float(self.displacement.numbers[-1, 0])
+            self.__dict__["final_time"] = float(self.displacement.value[-1, 0])
             self.__pydantic_fields_set__.add("final_time")
         return self
 

@@ -70,14 +70,9 @@ class FromFile(Keys):
         """The numbers of the file at a path, called `name` in messages."""
 
     @property
-    def numbers(self) -> NDArray[Any]:
-        """The numbers that were read."""
-        return kept_numbers(str(self.digest))
-
-    @property
     def value(self) -> Any:
-        """What stands in the file."""
-        return self.numbers
+        """What stands in the file: its numbers, or the matrix of these."""
+        return kept_numbers(str(self.digest))
 
     @model_validator(mode="after")
     def _read(self, info: ValidationInfo) -> Self:

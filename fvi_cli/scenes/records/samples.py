@@ -70,7 +70,7 @@ class Samples(FromFile):
 
     def end(self, final_time: float) -> float:
         """Time before T at which samples with ``beyond: zero`` end; infinite otherwise."""
-        last = float(self.numbers[-1, 0])
+        last = float(self.value[-1, 0])
         return last if self.beyond == "zero" and last < final_time * (1.0 - 1e-9) else math.inf
 
 
