@@ -34,12 +34,12 @@ class Stretch:
     is_fresh: bool = False
 
     @property
-    def reported(self) -> Places:
+    def reported(self) -> range:
         """Numbers, from 1 on, of the steps at whose ends a point is reported."""
         if not self.reported_every:
-            return np.zeros(0, dtype=np.intp)
+            return range(0)
         every = self.reported_every
-        return np.arange(every - self.passed % every, self.n_steps + 1, every)
+        return range(every - self.passed % every, self.n_steps + 1, every)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -71,13 +71,14 @@ class Mesh:
     @cached_property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
-        return sum(one.reported.size for one in self.stretches)
+        return sum(len(one.reported) for one in self.stretches)
 
     @property
     def reported(self) -> Places:
         """Numbers of the reported points, from 0 on."""
         firsts = itertools.accumulate((one.n_steps for one in self.stretches), initial=0)
-        found = [first + one.reported for first, one in zip(firsts, self.stretches, strict=False)]
+        pairs = zip(firsts, self.stretches, strict=False)
+        found = [first + np.array(one.reported, dtype=np.intp) for first, one in pairs]
         return np.concatenate([[0], *found]).astype(np.intp)
 
     @cached_property

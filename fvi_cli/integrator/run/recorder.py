@@ -185,7 +185,9 @@ class Recorder:
     def points(self, scene: int) -> tuple[Array, Array, Array]:
         """Times, positions and momenta that are kept of a scene, including its last point."""
         end, (time, position, momentum, _, step, is_point) = self.steps_done(scene), self._columns
-        chosen = (step <= end) & (is_point | (step == end))
+        is_kept = (step <= end) & (is_point | (step == end))
+        # most runs keep all of their points, which need no copy
+        chosen = slice(None) if is_kept.all() else is_kept
         return time[chosen], position[scene][chosen], momentum[scene][chosen]
 
     def steps(self, scene: int) -> RunSteps:
