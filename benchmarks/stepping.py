@@ -47,7 +47,6 @@ class SteppingRow(NamedTuple):
 
     case: SteppingCase
     stepping: float
-    setup: float
     error: float
 
     @property
@@ -86,14 +85,13 @@ def measure_stepping(case: SteppingCase, repeats: int) -> SteppingRow:
         scene = pendulum(final_time=20.0, damping=damping, initial_position=1.0)
     yardstick = yardstick_seconds(2 * n_steps)
     runs = [integrate(scene, case.method, n_steps) for _ in range(repeats)]
-    seconds = min(one.stepping_seconds for one in runs)
+    seconds = min(one.seconds for one in runs)
     error = math.nan
     if case.is_linear:
         error = float(np.abs(runs[0].position[:, 0] - runs[0].time ** 4).max())
     return SteppingRow(
         case=case,
         stepping=seconds / yardstick,
-        setup=min(one.setup_seconds for one in runs) / yardstick,
         error=error,
     )
 
@@ -105,7 +103,7 @@ def run_stepping(exponent: int = 20) -> list[SteppingRow]:
 
 def stepping_table(rows: Sequence[SteppingRow]) -> str:
     """The table, times as multiples of the yardstick."""
-    head = "case, N, stepping, at most, set-up, error, at most, met"
+    head = "case, N, stepping, at most, error, at most, met"
     return table(
         "Times are multiples of one `scipy.fft.rfft` of length 2N on the same core; linear is "
         "x = t^4 on [0, 1].",
@@ -117,7 +115,6 @@ def stepping_table(rows: Sequence[SteppingRow]) -> str:
                 f"2^{case.exponent}",
                 number(row.stepping, ".1f"),
                 number(case.largest_multiple, "g"),
-                number(row.setup, ".1f"),
                 number(row.error, ".1e"),
                 number(case.largest_error, ".0e"),
                 "yes" if row.is_met else "no",

@@ -82,12 +82,12 @@ def test_results_are_reused_recalled_and_exported(tmp_path):
     (second,) = fvi.run(CONFIG, output=tmp_path)
     (third,) = fvi.recall(tmp_path / "free.h5")
     seconds = [
-        [finished.trajectory.stepping_seconds for finished in outcome.finished]
+        [finished.trajectory.seconds for finished in outcome.finished]
         for outcome in (first, second, third)
     ]
     assert seconds[0] == seconds[1] == seconds[2]  # read back, not measured again
     (fresh,) = fvi.run(CONFIG, output=tmp_path, fresh=True)
-    assert [f.trajectory.stepping_seconds for f in fresh.finished] != seconds[0]
+    assert [f.trajectory.seconds for f in fresh.finished] != seconds[0]
     written = fvi.export(tmp_path / "free.h5", tmp_path / "csv")
     assert len(written) == 4
 

@@ -12,13 +12,11 @@ from fvi_cli.studies.experiment import Experiment
 def run_bytes(experiment: Experiment, method: AnyMethod, n_steps: int) -> int:
     """Memory in bytes that a run keeps.
 
-    The time, position, momentum and energy of every point that is kept, twice while they are
-    joined; and what is kept of every step: its samples by methods without exponentials, and its
-    stages for observations and diagnostics.
+    The time, position, momentum and energy of every point, twice while they are joined; and its
+    samples by methods without exponentials, its stages for observations and diagnostics.
     """
-    d, every = experiment.problem.dimension, experiment.store_every
-    own = experiment.observations
-    kept = 2 * (2 + 2 * d) * (n_steps // every if own.is_empty else n_steps)
+    d, own = experiment.problem.dimension, experiment.observations
+    kept = 2 * (2 + 2 * d) * n_steps
     if not isinstance(method, Method):
         kept += 6 * d * n_steps
     elif not (own.is_empty and not experiment.diagnostics):

@@ -31,8 +31,7 @@ from fvi_cli.integrator.observe.request import (
     names_of,
     observations,
 )
-from fvi_cli.integrator.run.on_mesh import AnySteps, integrate_scenes, mesh_for
-from fvi_cli.integrator.run.recorder import Kept
+from fvi_cli.integrator.run.on_mesh import AnySteps, Kept, integrate_scenes, mesh_for
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.threads import in_one_thread
 
@@ -47,7 +46,6 @@ def integrate(
     method: AnyMethod | str,
     steps: AnySteps,
     *,
-    every: int = 1,
     diagnostics: bool = False,
     with_steps: bool = False,
     output: ArrayLike | None = None,
@@ -69,8 +67,6 @@ def integrate(
         N >= 1 for N equal steps; for Runge-Kutta methods also a :class:`Mesh`
         (:func:`uniform_mesh`, :func:`graded_mesh`, :func:`mesh_of`), or :class:`AdaptiveSteps`,
         which are chosen during the run.
-    every
-        Keep every n-th point of the grid, the first and the last.
     diagnostics
         Compute works, stored energy and energy balance too; they do not change the trajectory.
     with_steps
@@ -120,7 +116,6 @@ def integrate(
         method,
         steps,
         observe=[request],
-        every=every,
         diagnostics=diagnostics,
         with_steps=with_steps,
     )
@@ -139,7 +134,6 @@ def integrate_members(
     steps: AnySteps | Sequence[AnySteps],
     *,
     observe: Sequence[Observations] = (),
-    every: int = 1,
     diagnostics: bool = False,
     with_steps: bool = False,
 ) -> list[Trajectory]:
@@ -161,11 +155,11 @@ def integrate_members(
     is_observed = any(not one.is_empty for one in requests)
     if is_observed:
         check_observable(method)
-    for name, value in (*(("n_steps", one) for one in each), ("every", every)):
+    for value in each:
         if isinstance(value, Mesh | AdaptiveSteps):
             continue
         if not isinstance(value, int | np.integer) or value < 1:
-            raise ValueError(f"{name}: {value!r} is not allowed; it must be an integer >= 1")
+            raise ValueError(f"n_steps: {value!r} is not allowed; it must be an integer >= 1")
     kinds: dict[Hashable, list[int]] = {}
     for place, (scene, own, request) in enumerate(zip(scenes, each, requests, strict=True)):
         kind = None
@@ -185,7 +179,7 @@ def integrate_members(
                 method,
                 each[part[0]],
                 asked[0],
-                Kept(every, diagnostics, with_steps or is_observed),
+                Kept(diagnostics, with_steps or is_observed),
             )
             if is_observed:
                 runs = observe_runs(members, method, runs, asked)
@@ -212,8 +206,7 @@ def _integrated(
     if first.prescribed is not None:
         if kept.diagnostics:
             raise ValueError("diagnostics: the motion is given; it has no energy and no momentum")
-        run = material_response(first, method, steps, with_steps=kept.with_steps)
-        return [run.thinned(kept.every)]
+        return [material_response(first, method, steps, with_steps=kept.with_steps)]
     if reason := law_objection(first, method):
         raise ValueError(f"method: {reason}")
     if kept.with_steps and (isinstance(method, Baseline) or not method.is_runge_kutta):
@@ -225,7 +218,7 @@ def _integrated(
                 f"method: {method.label} has points on equal steps only, without works; give a "
                 "number, or take rk: gauss"
             )
-        return [integrate_baseline(first, method, steps).thinned(kept.every)]
+        return [integrate_baseline(first, method, steps)]
     if request.impacts:
         if isinstance(steps, Mesh | AdaptiveSteps):
             raise ValueError("impacts: steps are cut where these are; give a number of steps")

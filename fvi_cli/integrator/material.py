@@ -55,14 +55,14 @@ def material_response(
     motion = replace(scene.prescribed, final_time=scene.final_time)
     mesh = mesh_of_motion(motion, method, steps)
     found = _steps_through(motion, method, mesh)
-    reported = mesh.reported
-    return Trajectory(
-        time=found.time[reported],
-        position=found.position[reported],
+    run = Trajectory(
+        time=found.time,
+        position=found.position,
         n_steps=mesh.n_reported,
         step_size=scene.final_time / mesh.n_reported,
         steps=found if with_steps else None,
     )
+    return run if mesh.reported is None else run.at(mesh.reported)
 
 
 def mesh_of_motion(

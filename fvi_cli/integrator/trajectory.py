@@ -124,12 +124,10 @@ class Trajectory:
         Multiply-adds (weight times sample) spent on the memory.
     newton_iterations
         Iterations of Newton in all steps; 0 for linear scenes.
-    setup_seconds, stepping_seconds
-        Time for weights and factorisations, and for the steps.
+    seconds
+        Time that it took.
     remarks
         What the reader of the numbers should know, for example that steps were too long.
-    every
-        Only every n-th point of the grid is kept, with the first and the last.
     diagnostics
         Works and energy balance; None unless requested.
     steps
@@ -156,10 +154,8 @@ class Trajectory:
     message: str = ""
     history_operations: int = 0
     newton_iterations: int = 0
-    setup_seconds: float = 0.0
-    stepping_seconds: float = 0.0
+    seconds: float = 0.0
     remarks: tuple[str, ...] = ()
-    every: int = 1
     diagnostics: Diagnostics | None = None
     steps: RunSteps | None = None
     rejected: int = 0
@@ -211,12 +207,6 @@ class Trajectory:
             energy=None if energy is None else energy[kept],
             diagnostics=None if known is None else known.at(kept),
         )
-
-    def thinned(self, every: int) -> Trajectory:
-        """Every n-th point of a whole run, with the first and the last."""
-        kept = np.arange(self.time.size) % every == 0
-        kept[-1] = True
-        return replace(self.at(kept), every=every)
 
     def __repr__(self) -> str:
         """The trajectory in one line."""

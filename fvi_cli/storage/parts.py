@@ -97,8 +97,6 @@ def _record(run: Run, finished: FinishedRun) -> Record:
     arrays, is_shared = _stored_arrays(finished)
     values = {IDENTITY: identity_of(run), **values_of(finished)}
     path = f"/{run.experiment.name}/{finished.run.method.case}/n{finished.run.n_steps:06d}"
-    if run.experiment.store_every > 1:
-        values["store_every"] = run.experiment.store_every
     if run.member is None:
         return Record(path, values, arrays)
     values |= {NUMBER: run.member.number, DESIGN: run.member.name}

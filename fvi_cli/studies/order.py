@@ -144,7 +144,7 @@ def _row(finished: FinishedRun) -> OrderRow:
         floor=finished.floor,
         status=finished.status,
         order_smooth=finished.order_smooth,
-        seconds=finished.trajectory.stepping_seconds,
+        seconds=finished.trajectory.seconds,
         history_operations=finished.trajectory.history_operations,
         message=finished.trajectory.message,
         remarks=finished.trajectory.remarks,

@@ -76,7 +76,7 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
         n_steps=run.n_steps,
         step_size=h,
         history_operations=values.size * (run.n_steps + 2) // 2,
-        stepping_seconds=time.perf_counter() - began,
+        seconds=time.perf_counter() - began,
     )
 
 

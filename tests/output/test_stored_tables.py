@@ -122,7 +122,7 @@ def slow(run: Run) -> FinishedRun:
     return made_run(run, powers(run).error, order_smooth=powers(run).order_smooth, **SECONDS)
 
 
-SECONDS = {"setup_seconds": 9.0, "stepping_seconds": 99.0}
+SECONDS = {"seconds": 99.0}
 
 
 @pytest.mark.parametrize(

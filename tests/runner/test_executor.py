@@ -32,7 +32,7 @@ PENDULUMS = configuration(
     more="sweep: {problem.initial.position: [0.5, 1.0, 2.0], problem.omega: [1, 2]}\n"
     "quantities: {speed: vx}\nevents: {turn: {when: vx}}\n",
 )
-TIMED = ("run", "failure", "steps", "setup_seconds", "stepping_seconds")
+TIMED = ("run", "failure", "steps", "seconds")
 
 
 def load(text, *overrides):

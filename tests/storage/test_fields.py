@@ -66,8 +66,8 @@ def test_every_value_comes_back_bit_by_bit():
             run, 1 / 3 / n, position=random.normal(size=(n, 2)),
             momentum=random.normal(size=(n, 2)),
             energy=random.normal(size=n), remarks=("the start fell back: ½ a step", "another"),
-            coordinates=("x1", "x2"), history_operations=7 * n, setup_seconds=0.25,
-            stepping_seconds=0.125, predicted="stable", message="ends",
+            coordinates=("x1", "x2"), history_operations=7 * n, seconds=0.125,
+            predicted="stable", message="ends",
         )  # fmt: skip
         store = Store(None)
         add(store, [made])
@@ -92,5 +92,5 @@ def test_another_norm_computes_nothing_and_gives_what_it_would_have_given(tmp_pa
     for one, same, before in zip(fresh.finished, again.finished, usual.finished, strict=True):
         for name in names:
             np.testing.assert_equal(getattr(same, name), getattr(one, name))
-        assert same.trajectory.stepping_seconds == before.trajectory.stepping_seconds
+        assert same.trajectory.seconds == before.trajectory.seconds
     assert [one.error for one in usual.finished] != [one.error for one in again.finished]

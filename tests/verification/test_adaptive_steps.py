@@ -28,7 +28,7 @@ Exact = Callable[[Array], Array]
 def run(scene: Scene, tolerance: float, m: int = 8, **more: float) -> Trajectory:
     method = Method(cq="gauss", degree=m)
     found = integrate(scene, method, AdaptiveSteps(tolerance=tolerance, **more), with_steps=True)
-    assert found.n_steps == found.steps.n_steps == found.time.size - 1
+    assert found.n_steps >= found.steps.n_steps == found.time.size - 1
     return found
 
 

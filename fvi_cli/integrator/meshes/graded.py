@@ -30,6 +30,7 @@ from fvi_cli.effects.scene import Scene
 from fvi_cli.errors import ArgumentError
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.method import AnyMethod, Baseline, ForcingQuadrature
+from fvi_cli.mathematics.arrays import Mask
 from fvi_cli.mathematics.expressions import Expression
 
 WINDOW_SHARE = 4
@@ -64,22 +65,27 @@ def graded_start_mesh(
     For Gauss methods of m stages; `exponent` gives the least fractional power of the time after
     the start (True) or after a break point (False) in the position, None where it is smooth.
     """
-    stretches: list[Stretch] = []
+    stretches, reported = list[Stretch](), [np.ones(1, dtype=bool)]
     for part in equal.stretches:
         power, size = exponent(part.begin == 0.0) if part.is_fresh else None, part.step_size
         if power is None or size < 2 * least_step(part.begin):
             stretches.append(part)
+            reported.append(np.ones(part.n_steps, dtype=bool))
             continue
         least = min(equal.n_steps // WINDOW_SHARE, WINDOW_LEAST)
         window = max(part.n_steps // WINDOW_SHARE, least)
         window = max(1, min(window, part.n_steps, WINDOW_MOST))
-        stretches += _graded_window(part.begin, size, window, 2 * stages, power)
+        graded, on_grid = _graded_window(part.begin, size, window, 2 * stages, power)
+        stretches += graded
+        reported += on_grid
         last, rest = stretches[-1], part.n_steps - window
         if rest:
             stretches.append(replace(part, begin=last.end, n_steps=rest, is_fresh=False))
+            reported.append(np.ones(rest, dtype=bool))
         else:
             stretches[-1] = replace(last, end=part.end)
-    return Mesh(stretches=tuple(stretches))
+    points = np.concatenate(reported)
+    return Mesh(stretches=tuple(stretches), reported=None if points.all() else points)
 
 
 def least_step(begin: float) -> float:
@@ -89,8 +95,8 @@ def least_step(begin: float) -> float:
 
 def _graded_window(
     begin: float, size: float, window: int, order: int, power: float
-) -> list[Stretch]:
-    """Stretches of `window` steps of the grid, finest first."""
+) -> tuple[list[Stretch], list[Mask]]:
+    """Stretches of `window` steps of the grid, finest first; which of their ends are on it."""
     grading = (order + EXCESS) / power
     # with tau ~ t^(1 - 1/r) that share of the steps of a level is halved once more
     share = 2.0 ** (-1.0 / (grading - 1.0)) if grading > 1.0 else 0.0
@@ -105,13 +111,12 @@ def _graded_window(
             end=begin + finest * high,
             n_steps=1,
             step_size=finest * (high - low),
-            reported_every=0,
             is_fresh=low == 0.0,
         )
         for low, high in itertools.pairwise([0.0, *reversed(lengths)])
     ]
     # the finest level fills the remainder of the one above it; its first step is cut already
-    passed = 1
+    passed, on_grid = 1, [np.zeros(len(stretches), dtype=bool)]
     for depth in range(len(levels), 0, -1):
         step, count = size * 0.5**depth, 2 * levels[depth - 1]
         if count > passed:
@@ -121,12 +126,11 @@ def _graded_window(
                     end=begin + count * step,
                     n_steps=count - passed,
                     step_size=step,
-                    reported_every=2**depth,
-                    passed=passed,
                 )
             )
+            on_grid.append(np.arange(passed + 1.0, count + 1.0) * 0.5**depth % 1.0 == 0.0)
         passed = levels[depth - 1]
-    return stretches
+    return stretches, on_grid
 
 
 def _towards_zero(order: int, power: float) -> list[float]:

@@ -27,19 +27,12 @@ class Stretch:
     n_steps: int
     # size of each, the same bits in all stretches that have it, so that tables are shared
     step_size: float
-    # every so many of its points belong to the grid that is reported; 0: none
-    reported_every: int = 1
-    passed: int = 0  # steps of this size between the last point of that grid and the beginning
     # whether the motion may be singular at the beginning: the start, or a break point
     is_fresh: bool = False
 
-    @property
-    def reported(self) -> range:
-        """Numbers, from 1 on, of the steps at whose ends a point is reported."""
-        if not self.reported_every:
-            return range(0)
-        every = self.reported_every
-        return range(every - self.passed % every, self.n_steps + 1, every)
+    def time_after(self, count: int) -> float:
+        """Time after so many of its steps."""
+        return self.end if count == self.n_steps else self.begin + count * self.step_size
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -47,6 +40,7 @@ class Mesh:
     """Steps from 0 to T: stretches one after the other, without gaps."""
 
     stretches: tuple[Stretch, ...]
+    reported: Mask | None = None  # which points are reported, (n + 1,); None: all
 
     @property
     def final_time(self) -> float:
@@ -71,15 +65,7 @@ class Mesh:
     @cached_property
     def n_reported(self) -> int:
         """Number of reported points after t = 0."""
-        return sum(len(one.reported) for one in self.stretches)
-
-    @property
-    def reported(self) -> Places:
-        """Numbers of the reported points, from 0 on."""
-        firsts = itertools.accumulate((one.n_steps for one in self.stretches), initial=0)
-        pairs = zip(firsts, self.stretches, strict=False)
-        found = [first + np.array(one.reported, dtype=np.intp) for first, one in pairs]
-        return np.concatenate([[0], *found]).astype(np.intp)
+        return self.n_steps if self.reported is None else int(self.reported.sum()) - 1
 
     @cached_property
     def times(self) -> Array:

@@ -32,9 +32,8 @@ from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.along import FormulaAlong, first_fall
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.observe.surface import Surface, push_off, start_objection
-from fvi_cli.integrator.run.loop import Proposal
-from fvi_cli.integrator.run.on_mesh import run_through
-from fvi_cli.integrator.run.recorder import Kept
+from fvi_cli.integrator.run.loop import Source
+from fvi_cli.integrator.run.on_mesh import Kept, run_through
 from fvi_cli.integrator.trajectory import Observed, Occurrences, Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.lagrange import lobatto_basis
@@ -109,7 +108,7 @@ class Landing:
         return abs(self.size - now) > 0.5 * math.ulp(now) and self.tried < MOST_LANDINGS
 
 
-class Bouncing:
+class Bouncing(Source):
     """The source of steps of T / N, graded after the start, break points and impacts."""
 
     def __init__(
@@ -119,10 +118,9 @@ class Bouncing:
         self.n_steps, self._end = n_steps, scene.final_time
         self._step, self._shortest = self._end / n_steps, SHORTEST_STEP * self._end
         self._stops = [*scene.break_points, self._end]  # which are not reached
-        self.pushes = [np.zeros(scene.dimension)]  # at every point of the mesh, (d,)
+        self.pushes: list[Array] = [np.zeros(scene.dimension)]  # at every point of the mesh, (d,)
         self.times: dict[str, list[float]] = {name: [] for name in surfaces}
         self.rests_on = ""  # surface on which the motion has come to rest
-        self.failure, self.rejected = "", 0
         self._push: Array | None = None  # change of the momentum before the next step
         self._velocity = scene.initial_velocity  # at the end of the last step
         self._reach = np.zeros(scene.dimension)  # displacements in it
@@ -141,7 +139,7 @@ class Bouncing:
             self._targets = [begin + one for one in ends if least <= one < end - begin - least]
             self._targets = [end, *reversed(self._targets)]
 
-    def propose(self, engine: Engine, state: State) -> Proposal | None:
+    def propose(self, engine: Engine, state: State) -> Stretch | None:
         """The next step of a flight, or a part of it that may end on a surface."""
         if self._push is not None:
             own = engine.member_forces([self._push])
@@ -157,15 +155,14 @@ class Bouncing:
             # a nearly equal size is T / N times a power of 2, so that tables are shared
             exact = self._step * 2.0 ** round(math.log2(size / self._step))
             size = exact if abs(exact - size) <= 4.0 * math.ulp(begin + size) else size
-        return Proposal(
-            Stretch(begin=begin, end=begin + size, n_steps=1, step_size=size, is_fresh=is_first)
-        )
+        end = begin + size if self._landing is not None else self._targets[-1]
+        return Stretch(begin=begin, end=end, n_steps=1, step_size=size, is_fresh=is_first)
 
-    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The end of a step that meets no surface, or ends on one; None to try another one."""
+    def accepts(self, engine: Engine, state: State, steps: Steps) -> bool:
+        """Whether a step meets no surface, or ends on one."""
         if steps.failed.any():
             self._fail(why_unsolved(steps, state))
-            return None
+            return False
         path = StepPath(
             begin=state.t,
             size=steps.h,
@@ -191,7 +188,7 @@ class Bouncing:
             if not self._targets:
                 self._stops.pop(0)
                 self._begin_flight(start_power(self._scene, at_start=False))
-            return end
+            return True
         name, fall = min(found, key=lambda one: one[1].root)
         before = self.times[name][-1] if self.times[name] else -math.inf
         if path.begin + fall.root * path.size - before <= SHORTEST_FLIGHT * self._end:
@@ -202,25 +199,23 @@ class Bouncing:
             low, high = fall.top * path.size, min(fall.below, 1.0) * path.size
             size = fall.root * path.size
             self._landing = Landing(surface=name, low=low, high=high, size=size)
-        return None
+        return False
 
-    def _land(
-        self, landing: Landing, path: StepPath, position: Array, velocity: Array
-    ) -> float | None:
+    def _land(self, landing: Landing, path: StepPath, position: Array, velocity: Array) -> bool:
         """Accept a step that ends on the surface, or try one that ends nearer to it."""
         end, surface = path.begin + path.size, self._surfaces[landing.surface]
         gap, speed = surface.gap(position, end), surface.speed(position, velocity, end)
         tolerance = self._tolerance(surface, path)
         # far below the gaps that count: the next flight begins here
         if abs(gap) > NEAR * tolerance and landing.improve(gap, speed):
-            return None
+            return False
         # the motion goes on for a unit in the last place of the time
         if abs(gap) > tolerance + abs(speed) * math.ulp(end):
             self._fail(f"the step to {landing.surface} has no end on it")
-            return None
+            return False
         self._go_on(path, end, velocity)
         self._meet(landing.surface, position)
-        return end
+        return True
 
     def _fail(self, words: str) -> None:
         self.failure = f"t = {self._time:.6g}: {words}"

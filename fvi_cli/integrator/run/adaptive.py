@@ -15,7 +15,7 @@ from fvi_cli.integrator.meshes.forces import StepPath
 from fvi_cli.integrator.meshes.local_error import LocalError
 from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.method import Method
-from fvi_cli.integrator.run.loop import Proposal
+from fvi_cli.integrator.run.loop import Source
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.mathematics.arrays import Array
 
@@ -30,7 +30,7 @@ ROUND_OFF = 1e-14
 """Relative to the position; no step is rejected for a smaller error."""
 
 
-class AdaptiveSource:
+class AdaptiveSource(Source):
     """Single steps of one scene; those whose local error is too large are rejected.
 
     Break points are points of the mesh; a motion that is singular begins like a fractional power
@@ -49,10 +49,8 @@ class AdaptiveSource:
         self._size = self._intended = self._first
         # where the next step begins, and whether that is the start or a break point
         self._time, self._is_fresh = 0.0, True
-        self.n_steps, self.failure, self.rejected = 0, "", 0
-        self.pushes: list[Array] = []
 
-    def propose(self, engine: Engine, state: State) -> Proposal | None:
+    def propose(self, engine: Engine, state: State) -> Stretch | None:
         """The next step to try."""
         if self._ends and self.n_steps >= self._asked.most_steps:
             self._fail("the largest number of steps is reached")
@@ -63,15 +61,11 @@ class AdaptiveSource:
         octaves = math.floor(STEPS_PER_OCTAVE * octaves) / STEPS_PER_OCTAVE
         h = self._intended = self._final_time * 2.0**octaves
         h = left if h >= left * (1 - 1e-12) else min(h, 0.5 * left)
-        return Proposal(
-            Stretch(begin=begin, end=begin + h, n_steps=1, step_size=h, is_fresh=self._is_fresh)
-        )
+        end = self._ends[0] if h == left else begin + h
+        return Stretch(begin=begin, end=end, n_steps=1, step_size=h, is_fresh=self._is_fresh)
 
-    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The end of a step that keeps the local tolerance; None rejects it.
-
-        A step of the shortest size is accepted if it could be solved.
-        """
+    def accepts(self, engine: Engine, state: State, steps: Steps) -> bool:
+        """Whether a step keeps the local tolerance, or has the shortest size and is solved."""
         h, why = steps.h, "the local error cannot be kept"
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
@@ -90,17 +84,17 @@ class AdaptiveSource:
             if h <= self._shortest:
                 self._fail(why)
             self._size = max(self._size, self._shortest)
-            return None
+            return False
         self.n_steps, self._is_fresh = self.n_steps + 1, False
         if h < self._ends[0] - self._time:
             self._time += h
-            return self._time
+            return True
         # a step that was cut short at a point says little about the size that is possible
         self._size = max(self._size, self._intended)
         self._time = self._ends.pop(0)
         if self._time in self._breaks:
             self._is_fresh, self._size = True, self._first
-        return self._time
+        return True
 
     def _fail(self, why: str) -> None:
         self.failure = f"step {self.n_steps}, t = {self._time:.6g}: {why}"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, Protocol
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,60 +13,40 @@ from fvi_cli.integrator.engine.recurrence import DOUBLINGS, Recurrence
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.recorder import Recorder, Solved
-from fvi_cli.mathematics.arrays import Array
+from fvi_cli.mathematics.arrays import Array, Mask
 
 CHUNK_OCTAVES, LARGEST_CHUNK = 14, 2**17
 """Most steps whose loads are computed together, as a power of 2, and most numbers in these."""
 
 
-class Proposal(NamedTuple):
-    """The steps of a stretch that are not done yet; the loop does any number of them next."""
-
-    stretch: Stretch
-    done: int = 0  # number of steps of the stretch that are done
-
-
-class Source(Protocol):
+class Source:
     """Steps for the loop."""
 
-    n_steps: int  # number of the steps that are reported
-    failure: str  # why it proposes no more steps; empty: all are done
-    rejected: int  # number of rejected steps
-    pushes: list[Array]  # by impacts on the momentum, (d,) at every point; empty without surfaces
+    n_steps = 0  # number of the steps that are reported
+    reported: Mask | None = None  # which points are; None: all
+    failure = ""  # why it proposes no more steps; empty: all are done
+    rejected = 0  # number of rejected steps
+    pushes: Sequence[Array] = ()  # by impacts on the momentum, (d,) at every point
 
-    def propose(self, engine: Engine, state: State) -> Proposal | None:
+    def propose(self, engine: Engine, state: State) -> Stretch | None:
         """The next steps; None at the end."""
+        raise NotImplementedError
 
-    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The time at the end of solved steps that begin at `state`; None rejects them."""
+    def accepts(self, engine: Engine, state: State, steps: Steps) -> bool:
+        """Whether solved steps that begin at `state` are part of the run."""
+        return True
 
 
-class MeshSource:
+class MeshSource(Source):
     """The stretches of a mesh, one after the other; no step is rejected."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self._mesh, self.n_steps, self.failure, self.rejected = mesh, mesh.n_reported, "", 0
-        self.pushes: list[Array] = []
-        self._stretch = self._done = 0
+        self.n_steps, self.reported = mesh.n_reported, mesh.reported
+        self._stretches = iter(mesh.stretches)
 
-    def propose(self, engine: Engine, state: State) -> Proposal | None:
-        """The remaining steps of a stretch."""
-        if self._stretch == len(self._mesh.stretches):
-            return None
-        return Proposal(self._mesh.stretches[self._stretch], self._done)
-
-    def judge(self, engine: Engine, state: State, steps: Steps) -> float | None:
-        """The time at the end of the steps."""
-        return self.accept(steps.count)
-
-    def accept(self, count: int) -> float:
-        """Accept the next steps; the time at their end, which is exact where a stretch ends."""
-        one = self._mesh.stretches[self._stretch]
-        self._done += count
-        if self._done < one.n_steps:
-            return one.begin + self._done * one.step_size
-        self._stretch, self._done = self._stretch + 1, 0
-        return one.end
+    def propose(self, engine: Engine, state: State) -> Stretch | None:
+        """The next stretch."""
+        return next(self._stretches, None)
 
 
 def march(engine: Engine, source: Source, recorder: Recorder) -> None:
@@ -79,56 +59,56 @@ def march(engine: Engine, source: Source, recorder: Recorder) -> None:
     state, chunk = engine.start(), 1 << max(4, min(octaves, CHUNK_OCTAVES))
     recurrence: Recurrence | None = None
     with np.errstate(all="ignore"):
-        while len(recorder.failures) < len(engine.scenes):
-            proposal = source.propose(engine, state)
-            if proposal is None:
-                break
-            stretch, done = proposal
-            h, count = stretch.step_size, min(stretch.n_steps - done, chunk)
-            state.t, is_fresh = stretch.begin + done * h, stretch.is_fresh and not done
-            if is_fresh:
+        while not recorder.is_over and (stretch := source.propose(engine, state)) is not None:
+            h, block = stretch.step_size, block_length(engine, stretch.n_steps)
+            done, is_accepted = 0, True
+            if stretch.is_fresh:
                 state.unknowns = state.rest = None
-            loads = engine.loads(state.t, h, count, is_fresh=is_fresh)
-            block = block_length(engine, stretch.n_steps)
-            blocks = (count // block >> DOUBLINGS) << DOUBLINGS  # whole groups of 2^DOUBLINGS
-            solved = None
-            if isinstance(source, MeshSource) and Recurrence.is_quicker(engine, block, blocks):
-                if recurrence is None or (recurrence.h, recurrence.count) != (h, block):
-                    recurrence = Recurrence(engine, h, block)
-                given = None if loads is None else loads[:, : blocks * block]
-                solved = recurrence.run(state, blocks, given, with_unknowns=recorder.with_steps)
+            while is_accepted and done < stretch.n_steps and not recorder.is_over:
+                state.t, count = stretch.time_after(done), min(stretch.n_steps - done, chunk)
+                loads = engine.loads(state.t, h, count, is_fresh=stretch.is_fresh and not done)
+                blocks = (count // block >> DOUBLINGS) << DOUBLINGS  # groups of 2^DOUBLINGS
+                solved = None
+                if Recurrence.is_quicker(engine, block, blocks):
+                    if recurrence is None or (recurrence.h, recurrence.count) != (h, block):
+                        recurrence = Recurrence(engine, h, block)
+                    given = None if loads is None else loads[:, : blocks * block]
+                    solved = recurrence.run(state, blocks, given, with_unknowns=recorder.with_steps)
                 if solved is not None:
-                    state.t = source.accept(blocks * block)
-                    recorder.add(Solved(stretch, done, state.t, *solved))
-            if solved is None:
-                _run_steps(engine, source, state, recorder, proposal, count, block, loads)
-            if recorder.is_full:
-                recorder.flush(state)
+                    count = blocks * block
+                    recorder.add(Solved(stretch, done, *solved))
+                else:
+                    part = stretch, done, count, block
+                    is_accepted = _run_steps(engine, source, recorder, state, loads, *part)
+                done += count
+                if recorder.is_full:
+                    recorder.flush(state)
         recorder.finish(state, source.failure)
 
 
 def _run_steps(
     engine: Engine,
     source: Source,
-    state: State,
     recorder: Recorder,
-    proposal: Proposal,
+    state: State,
+    loads: Array | None,
+    stretch: Stretch,
+    done: int,
     count: int,
     block: int,
-    loads: Array | None,
-) -> None:
-    """Do `count` of the proposed steps, or those before one that is rejected."""
-    (stretch, first), done = proposal, 0
-    while done < count and state.live.any():
-        rest = None if loads is None else loads[:, done:]
-        steps = advance(engine, state, stretch.step_size, count - done, block, rest)
+) -> bool:
+    """Do `count` of the steps of a stretch; false where the source rejects one."""
+    first, last = done, done + count
+    while done < last and state.live.any():
+        rest = None if loads is None else loads[:, done - first :]
+        steps = advance(engine, state, stretch.step_size, last - done, block, rest)
         recorder.count(steps)
-        end = source.judge(engine, state, steps)
-        if end is None:
-            return
+        if not source.accepts(engine, state, steps):
+            return False
         recorder.note(state, steps)
         x, p = state.x[:, None] + steps.dx, state.p[:, None] + steps.dp
         u = steps.unknowns if recorder.with_steps else None
-        recorder.add(Solved(stretch, first + done, end, x, p, u))
-        engine.accept(state, steps, end)
+        recorder.add(Solved(stretch, done, x, p, u))
         done += steps.count
+        engine.accept(state, steps, stretch.time_after(done))
+    return True

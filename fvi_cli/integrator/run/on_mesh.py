@@ -7,6 +7,7 @@ import math
 import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,11 +20,18 @@ from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import MeshSource, Source, march
-from fvi_cli.integrator.run.recorder import Kept, Recorder
+from fvi_cli.integrator.run.recorder import Recorder
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 
 AnySteps = int | Mesh | AdaptiveSteps
+
+
+class Kept(NamedTuple):
+    """What is kept of a run."""
+
+    diagnostics: bool = False  # works and energies; they do not change the trajectory
+    with_steps: bool = False  # the polynomials of all steps
 
 
 def mesh_for(scene: Scene, method: Method, n_steps: int | Mesh) -> Mesh:
@@ -106,79 +114,63 @@ def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> lis
     is_rough = engine.method.cq == "gauss" and any(
         one.acts_above_order_1 and (one.initial_loads or source.pushes) for one in engine.scenes
     )
-    with_steps = kept.with_steps or kept.diagnostics or is_rough
-    recorder = Recorder(engine, every=kept.every, with_steps=with_steps)
-    ready, share = clock.perf_counter(), 1.0 / len(engine.scenes)
+    recorder = Recorder(engine, with_steps=kept.with_steps or kept.diagnostics or is_rough)
     march(engine, source, recorder)
-    seconds = share * (ready - began), share * (clock.perf_counter() - ready)
+    seconds = (clock.perf_counter() - began) / len(engine.scenes)
     trajectories = []
     for index, scene in enumerate(engine.scenes):
-        time, position, momentum = recorder.points(index)
-        steps = recorder.steps(index) if recorder.with_steps else None
-        if steps is not None and (is_rough or source.pushes):
-            if source.pushes:
-                jump = np.array(source.pushes[: steps.n_steps + 1])
-                steps = replace(steps, momentum=steps.momentum + jump, jump=jump)
-            if is_rough:
-                steps = replace(steps, momentum=steps.momenta_of_polynomials(scene))
-            momentum = steps.momentum[np.searchsorted(steps.time, time)]
-        energy, end, failure = _energies(scene, time, position, momentum)
+        steps = recorder.steps(index)
+        damping, done = engine.damping, steps.n_steps * engine.width
+        if source.pushes:
+            jump = np.array(source.pushes[: steps.n_steps + 1])
+            steps = replace(steps, momentum=steps.momentum + jump, jump=jump)
+        if is_rough:
+            steps = replace(steps, momentum=steps.momenta_of_polynomials(scene))
+        energy, failure = _energies(scene, steps.time, steps.position, steps.momentum)
         failure = failure or recorder.failures.get(index, "")
-        n_steps = source.n_steps
-        if steps is not None and end < time.size:
-            # a search by time fails where ends of the shortest steps are equal to the last bit
-            is_whole = steps.time.size == time.size
-            steps = steps.first(
-                end - 1 if is_whole else int(np.searchsorted(steps.time, time[end - 1]))
-            )
-            n_steps = steps.n_steps if is_whole else n_steps
-        time, position, momentum = time[:end], position[:end], momentum[:end]
-        works = None
-        if steps is not None and kept.diagnostics and steps.n_steps:
+        steps, works = steps.first(energy.size - 1), None
+        if kept.diagnostics and steps.n_steps:
             with np.errstate(all="ignore"):
                 works = diagnose(scene, engine.method, steps, engine.loads_of[index])
-            works = works.at(np.searchsorted(steps.time, time))
-        damping, done = engine.damping, recorder.steps_done(index) * engine.width
-        trajectories.append(
-            Trajectory(
-                time=time,
-                position=position,
-                momentum=momentum,
-                energy=energy,
-                n_steps=n_steps,
-                step_size=scene.final_time / max(n_steps, 1),
-                status="failed" if failure else "ok",
-                message=failure,
-                history_operations=0 if damping is None else done * damping.operations_per_step,
-                newton_iterations=recorder.iterations_of(index),
-                setup_seconds=seconds[0],
-                stepping_seconds=seconds[1],
-                every=kept.every,
-                diagnostics=works,
-                steps=steps if kept.with_steps else None,
-                rejected=source.rejected,
-            )
+        run = Trajectory(
+            time=steps.time,
+            position=steps.position,
+            momentum=steps.momentum,
+            energy=energy,
+            n_steps=source.n_steps,
+            step_size=scene.final_time / max(source.n_steps, 1),
+            status="failed" if failure else "ok",
+            message=failure,
+            history_operations=0 if damping is None else done * damping.operations_per_step,
+            newton_iterations=recorder.iterations_of(index),
+            seconds=seconds,
+            diagnostics=works,
+            steps=steps if kept.with_steps else None,
+            rejected=source.rejected,
         )
+        if source.reported is not None:
+            points = source.reported[: energy.size].copy()
+            points[-1] = True
+            run = run.at(points)
+        trajectories.append(run)
     return trajectories
 
 
-def _energies(
-    scene: Scene, time: Array, position: Array, momentum: Array
-) -> tuple[Array, int, str]:
-    """Energies at points, up to where they are finite; how many these are, and why no more."""
+def _energies(scene: Scene, time: Array, position: Array, momentum: Array) -> tuple[Array, str]:
+    """Energies at points, up to where they are finite, and why no more."""
     with np.errstate(all="ignore"):
         energy = scene.energy(position, momentum, time)
     # energies of linear scenes may overflow where motions are right
     wrong = np.flatnonzero(~(np.isfinite(energy) | scene.is_linear))
     if not wrong.size:
-        return energy, time.size, ""
+        return energy, ""
     at = int(wrong[0])
     near = ", ".join(f"{value:.4g}" for value in position[at])
     words = f"t = {float(time[at]):.6g}: the energy is not finite near q = [{near}]"
     # where no velocity is found from the momentum at the start, the start is kept
     if at == 0 and scene.lagrangian is not None:
         energy[0] = scene.lagrangian.energy(scene.initial_position, scene.initial_velocity, 0.0)
-    return energy[: max(at, 1)], max(at, 1), words
+    return energy[: max(at, 1)], words
 
 
 def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:

@@ -12,18 +12,10 @@ from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import not_finite, why_unsolved
 from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.steps import RunSteps
-from fvi_cli.mathematics.arrays import Array, Mask, Places
+from fvi_cli.mathematics.arrays import Array
 
 WAITING = 256
 """Steps whose points are converted to the coordinates of their scenes together."""
-
-
-class Kept(NamedTuple):
-    """What is kept of a run."""
-
-    every: int = 1  # every n-th reported point, with the first and the last
-    diagnostics: bool = False  # works and energies; they do not change the trajectory
-    with_steps: bool = False  # the polynomials of all steps
 
 
 class Solved(NamedTuple):
@@ -31,7 +23,6 @@ class Solved(NamedTuple):
 
     stretch: Stretch
     first: int  # steps of the stretch before them
-    end: float  # time at the end of the last
     position: Array  # at their ends, (q, n, e)
     momentum: Array
     unknowns: Array | None  # U, (q, n, s, e), where polynomials are kept
@@ -44,38 +35,26 @@ class _Points(NamedTuple):
     position: Array  # (scenes, n, d)
     momentum: Array
     size: Array  # length of the step before it, (n,)
-    step: Places  # number of steps before it, (n,)
-    is_point: Mask  # whether the point is reported; others are kept as ends and for polynomials
-
-    def of(self, some: Places) -> _Points:
-        """Some of them."""
-        time, x, p, size, step, is_point = self
-        return _Points(time[some], x[:, some], p[:, some], size[some], step[some], is_point[some])
 
 
 class Recorder:
-    """Reported points of all scenes, thinned, and on request all steps as polynomials.
+    """Points of all scenes, and on request the polynomials of all steps.
 
-    Every n-th reported point is kept, the first and the last; with steps, all points of the
-    mesh and the polynomials. Runs stop where numbers cease to be finite; `failures` says why, by
-    the number of the scene.
+    Runs stop where numbers cease to be finite; `failures` says why, by the number of the scene.
     """
 
-    def __init__(self, engine: Engine, *, every: int = 1, with_steps: bool = False) -> None:
-        self._engine, self._every, self.with_steps = engine, every, with_steps
+    def __init__(self, engine: Engine, *, with_steps: bool = False) -> None:
+        self._engine, self.with_steps = engine, with_steps
         self.failures: dict[int, str] = {}
-        self._done = self._reported = self._count = 0
+        self._done = self._count = 0
         self._iterations = np.zeros(engine.q, dtype=np.int64)
         starts = [(one.initial_position, one.initial_velocity) for one in engine.scenes]
         x = np.array([[position] for position, _ in starts])
         p = np.array(
             [[one.momentum(*own, 0.0)] for one, own in zip(engine.scenes, starts, strict=True)]
         )
-        none, first = np.zeros(1), np.zeros(1, dtype=np.intp)
         # columns in pieces
-        self._pieces: list[list[Any]] = [
-            [one] for one in _Points(none, x, p, none, first, none == 0)
-        ]
+        self._pieces: list[list[Any]] = [[one] for one in _Points(np.zeros(1), x, p, np.zeros(1))]
         self._columns: list[Any] = []
         self._velocity: list[Array] = []
         self._waiting: list[Solved] = []
@@ -102,6 +81,11 @@ class Recorder:
         self._count += solved.position.shape[1]
 
     @property
+    def is_over(self) -> bool:
+        """Whether all scenes have stopped."""
+        return len(self.failures) == len(self._engine.scenes)
+
+    @property
     def is_full(self) -> bool:
         """Whether it is time to :meth:`flush`: enough steps wait, or a scene has stopped."""
         return self._count >= WAITING or bool(self._stops)
@@ -115,12 +99,6 @@ class Recorder:
                 self._stop_at_infinity(added)
             if self.with_steps:
                 self._velocity.append(self._velocities())
-            else:
-                # the last point of a run is the last of some steps, or one where a scene stops
-                is_kept = added.is_point.copy()
-                is_kept[[count - 1 for count, _ in self._stops.values()]] = True
-                is_kept[-1] = True
-                added = added.of(np.flatnonzero(is_kept))
             for pieces, piece in zip(self._pieces, added, strict=True):
                 pieces.append(piece)
         for scene, (count, words) in self._stops.items():
@@ -137,31 +115,25 @@ class Recorder:
                 self._stops.setdefault(scene, (self._count, failure))
         self.flush(state)
         # pieces of a column are freed when they are joined
-        for axis in (0, 1, 1, 0, 0, 0):
+        for axis in (0, 1, 1, 0):
             self._columns.append(_join(self._pieces.pop(0), axis))
-        if self.with_steps:
-            scenes, _, d = self._columns[1].shape
-            none = np.zeros((scenes, 0, self._engine.tables.points.size, d))
-            self._velocity = [_join(self._velocity or [none], 1)]
+        scenes, _, d = self._columns[1].shape
+        none = np.zeros((scenes, 0, self._engine.tables.points.size, d))
+        self._velocity = [_join(self._velocity or [none], 1)]
 
     def _joined(self) -> _Points:
         """The waiting steps in the coordinates of the scenes."""
-        stretches, firsts, ends, position, momentum, _ = zip(*self._waiting, strict=True)
+        stretches, firsts, position, momentum, _ = zip(*self._waiting, strict=True)
         counts = np.array([one.shape[1] for one in position])
-        index, last = np.arange(self._count), np.cumsum(counts) - 1
+        done, last = np.array(firsts) + counts, np.cumsum(counts) - 1
         # numbers of the steps in their stretches, from 1
-        number = index + np.repeat(np.array(firsts) - last + counts, counts)
+        number = np.arange(self._count) + np.repeat(done - last, counts)
         sizes = np.repeat([one.step_size for one in stretches], counts)
         times = np.repeat([one.begin for one in stretches], counts) + sizes * number
-        times[last] = ends
-        every = np.repeat([one.reported_every for one in stretches], counts)
-        passed = number + np.repeat([one.passed for one in stretches], counts)
-        is_point = (every > 0) & (passed % np.maximum(every, 1) == 0)
-        order = self._reported + np.cumsum(is_point)  # of the reported points, before thinning
-        self._reported = int(order[-1])
+        ends = zip(stretches, done.tolist(), strict=True)
+        times[last] = [one.time_after(count) for one, count in ends]
         x, p = self._engine.to_scene(_join(position, 1), _join(momentum, 1))
-        is_point &= order % self._every == 0
-        return _Points(times, x, p, sizes, self._done + 1 + index, is_point)
+        return _Points(times, x, p, sizes)
 
     def _velocities(self) -> Array:
         """Velocities at the stages of the waiting steps, shape ``(scenes, n, r, d)``."""
@@ -182,18 +154,10 @@ class Recorder:
 
     # the following is for runs whose steps are all done
 
-    def points(self, scene: int) -> tuple[Array, Array, Array]:
-        """Times, positions and momenta that are kept of a scene, including its last point."""
-        end, (time, position, momentum, _, step, is_point) = self.steps_done(scene), self._columns
-        is_kept = (step <= end) & (is_point | (step == end))
-        # most runs keep all of their points, which need no copy
-        chosen = slice(None) if is_kept.all() else is_kept
-        return time[chosen], position[scene][chosen], momentum[scene][chosen]
-
     def steps(self, scene: int) -> RunSteps:
-        """All steps of a scene as polynomials."""
-        count = self.steps_done(scene)
-        time, position, momentum, size, *_ = self._columns
+        """All steps of a scene; as polynomials only if these were asked for."""
+        count = self._ends.get(scene, self._done)
+        time, position, momentum, size = self._columns
         return RunSteps(
             tables=self._engine.tables,
             time=time[: count + 1],
@@ -202,10 +166,6 @@ class Recorder:
             momentum=momentum[scene, : count + 1],
             velocity=self._velocity[0][scene, :count],
         )
-
-    def steps_done(self, scene: int) -> int:
-        """Number of steps that a scene did."""
-        return self._ends.get(scene, self._done)
 
     def iterations_of(self, scene: int) -> int:
         """Iterations of Newton in all steps of a scene, also in rejected ones."""

@@ -45,7 +45,7 @@ QUANTITIES: dict[str, tuple[str, Callable[[Array], Array]]] = {
 }
 
 
-def _observed(when: str, n_steps: int, every: int, output: Array | None = None) -> Observed:
+def _observed(when: str, n_steps: int, output: Array | None = None) -> Observed:
     asked = observations(
         ("x",),
         output=output,
@@ -53,7 +53,7 @@ def _observed(when: str, n_steps: int, every: int, output: Array | None = None) 
         events={"stop": {"when": when, "direction": "rising", "stop": True}},
     )
     method = Method(cq="gauss", degree=12, start="none")
-    run = observe_one(SCENE, method, n_steps, asked, every=every)
+    run = observe_one(SCENE, method, n_steps, asked)
     assert run.observed is not None
     assert output is not None or run.time[-1] == run.observed.events["stop"].time[0]
     return run.observed
@@ -81,14 +81,14 @@ def test_what_ends_within_a_step_is_counted_up_to_there(seed):
     end = float(rng.uniform(0.03, 0.98) * FINAL_TIME)
     n_steps = int(rng.integers(14, 60))
     output = np.linspace(0.0, FINAL_TIME, 23) if seed % 3 == 2 else None
-    observed = _observed(f"t - {end!r}", n_steps, 1 if output is not None else 1 + seed % 4, output)
+    observed = _observed(f"t - {end!r}", n_steps, output)
     assert observed.stopped_by == "stop"
     assert _worst(observed, end) < 1e-6
 
 
 def test_another_end_has_another_peak():
     """The control: what a step goes through behind the end is told apart."""
-    observed = _observed("t - 7.3", 14, 1)
+    observed = _observed("t - 7.3", 14)
     assert _worst(observed, 7.3) < 1e-6
     assert _worst(observed, 7.4) > 1e-3
 
