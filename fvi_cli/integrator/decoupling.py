@@ -22,50 +22,37 @@ DIAGONAL_TOLERANCE = 1e-13
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Decoupling:
-    """How d components of the scene map to a batch of q systems of e coupled components.
-
-    By `modes`: a matrix Phi, ``(d, d)``: q = d and e = 1. None if everything is coupled: q = 1 and
-    e = d.
-    """
+    """How d components of a scene map to a batch of d systems of one component each."""
 
     mass: Array  # M, shape (d, d)
-    modes: Array | None
-
-    @property
-    def batch(self) -> int:
-        """Number q of systems."""
-        return 1 if self.modes is None else int(self.mass.shape[0])
+    modes: Array  # Phi, shape (d, d)
 
     def matrices(self, matrix: Array) -> Array:
-        """A form of the scene (M, K or D) in the coordinates of the batch, ``(q, e, e)``."""
-        if self.modes is None:
-            return matrix[None]
+        """A form of the scene (M, K or D) in the coordinates of the batch, ``(d, 1, 1)``."""
         return np.diagonal(self.modes.T @ matrix @ self.modes).copy()[:, None, None]
 
     def positions(self, values: Array) -> Array:
-        """Positions ``(..., d)`` as ``(q, ..., e)``."""
-        return values[None] if self.modes is None else _split(values @ (self.mass @ self.modes))
+        """Positions ``(..., d)`` as ``(d, ..., 1)``."""
+        return _split(values @ (self.mass @ self.modes))
 
     def forces(self, values: Array) -> Array:
-        """Momenta and forces ``(..., d)`` as ``(q, ..., e)``."""
-        return values[None] if self.modes is None else _split(values @ self.modes)
+        """Momenta and forces ``(..., d)`` as ``(d, ..., 1)``."""
+        return _split(values @ self.modes)
 
     def scene_positions(self, values: Array) -> Array:
-        """Positions ``(q, ..., e)`` as ``(..., d)``."""
-        return np.asarray(values[0] if self.modes is None else _join(values) @ self.modes.T)
+        """Positions ``(d, ..., 1)`` as ``(..., d)``."""
+        return np.asarray(_join(values) @ self.modes.T)
 
     def scene_forces(self, values: Array) -> Array:
-        """Momenta and forces ``(q, ..., e)`` as ``(..., d)``."""
-        if self.modes is None:
-            return np.asarray(values[0])
+        """Momenta and forces ``(d, ..., 1)`` as ``(..., d)``."""
         return np.asarray(_join(values) @ (self.mass @ self.modes).T)
 
 
-def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -> Decoupling:
-    """Modes of the scene where it has any; otherwise everything stays coupled."""
+def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -> Decoupling | None:
+    """Modes of the scene; None where it has none, or one component."""
     d = mass.shape[0]
     if d == 1:
-        return Decoupling(mass=mass, modes=None)
+        return None
     inverse = np.linalg.inv(np.linalg.cholesky(mass))
     reduced = [inverse @ form @ inverse.T for form in (stiffness, *directions)]
     scaled = [form / size for form in reduced if (size := float(np.abs(form).max())) > 0]
@@ -79,12 +66,12 @@ def decouple_forms(mass: Array, stiffness: Array, directions: Sequence[Array]) -
     for form in scaled:
         diagonal = vectors.T @ form @ vectors
         if np.abs(diagonal - np.diag(np.diagonal(diagonal))).max() > DIAGONAL_TOLERANCE * d:
-            return Decoupling(mass=mass, modes=None)
+            return None
     return Decoupling(mass=mass, modes=inverse.T @ vectors)
 
 
 def linear_decoupling(scene: Scene) -> Decoupling | None:
-    """The coordinates in which a linear scene falls apart; None for sparse and for other scenes."""
+    """The coordinates in which a scene falls apart; None where it does not, or is sparse."""
     if scene.is_sparse or not scene.is_linear:
         return None
     directions = [dense(matrix) for matrix in distinct_directions(scene.active_damping)]

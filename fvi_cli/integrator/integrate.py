@@ -277,5 +277,4 @@ def _formulas_of(energy: object) -> Hashable:
 
 def _width(scene: Scene) -> int:
     """Number of independent systems that make a scene."""
-    found = linear_decoupling(scene) if scene.dimension > 1 else None
-    return 1 if found is None else found.batch
+    return 1 if linear_decoupling(scene) is None else scene.dimension

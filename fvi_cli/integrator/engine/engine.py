@@ -58,19 +58,17 @@ class Engine:
         is_single: bool = False,
     ) -> None:
         self.scenes, self.method, self.tables = tuple(scenes), method, step_tables(method)
-        self.modes, is_large = modes_of(scenes), False
+        self.modes = modes_of(scenes)
+        is_large = self.modes is None and is_structure(scenes, method)
         self.law: StepLaw | Linear | Structure
-        if is_structure(scenes, method, self.modes):
-            self.modes, self.law, is_large = None, Structure(scenes[0]), True
-        else:
-            self.law = law_of(scenes, self.modes)
+        self.law = Structure(scenes[0]) if is_large else law_of(scenes, self.modes)
         self.x0 = self.member_positions([one.initial_position for one in scenes])
         self.p0 = self.member_forces(
             [one.momentum(one.initial_position, one.initial_velocity, 0.0) for one in scenes]
         )
         self.q, self.e = self.x0.shape
         # number of members (modes) of each scene
-        self.width = 1 if self.modes is None else self.modes[0].batch
+        self.width = 1 if self.modes is None else scenes[0].dimension
         self.damping = damping_of(
             scenes,
             method,
@@ -268,14 +266,14 @@ class Engine:
 
     def scene_positions(self, x: Array) -> Array:
         """Positions or velocities of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
-        if self.modes is None or self.width == 1:
+        if self.modes is None:
             return x
         k = self.width
         return np.array([m.scene_positions(x[i * k : i * k + k]) for i, m in enumerate(self.modes)])
 
     def to_scene(self, x: Array, p: Array) -> tuple[Array, Array]:
         """Positions and momenta of members ``(q, n, e)`` as those of scenes, ``(S, n, d)``."""
-        if self.modes is None or self.width == 1:
+        if self.modes is None:
             return x, p
         k = self.width
         forces = [m.scene_forces(p[i * k : i * k + k]) for i, m in enumerate(self.modes)]

@@ -219,7 +219,7 @@ class General:
 
 
 def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
-    """Coordinates in which linear scenes are decoupled; None if one of them has none."""
+    """Coordinates in which scenes are decoupled; None if one of them has none."""
     by_scene = [linear_decoupling(one) for one in scenes]
     known = [one for one in by_scene if one is not None]
     return known if len(known) == len(by_scene) else None
@@ -227,13 +227,18 @@ def modes_of(scenes: Sequence[Scene]) -> list[Decoupling] | None:
 
 def law_of(scenes: Sequence[Scene], modes: Sequence[Decoupling] | None) -> StepLaw | Linear:
     """The conservative part of scenes of one kind, in these coordinates."""
+    first = scenes[0]
     if modes is not None:
         pairs = list(zip(modes, scenes, strict=True))
         return Linear(
             mass=np.concatenate([mode.matrices(one.inertia.mass) for mode, one in pairs]),
             stiffness=np.concatenate([mode.matrices(one.stiffness) for mode, one in pairs]),
         )
-    first = scenes[0]
+    if first.is_linear:
+        return Linear(
+            mass=np.array([one.inertia.mass for one in scenes]),
+            stiffness=np.array([one.stiffness for one in scenes]),
+        )
     if first.lagrangian is not None:
         lagrangians = [one.lagrangian for one in scenes if one.lagrangian is not None]
         return General(

@@ -16,7 +16,6 @@ import numpy as np
 from fvi_cli.effects.matrices import Form, Solve, as_csr, factors_of, form, times
 from fvi_cli.effects.potential import QuadraticPotential
 from fvi_cli.effects.scene import Scene
-from fvi_cli.integrator.decoupling import Decoupling
 from fvi_cli.integrator.engine.step import Frame
 from fvi_cli.integrator.memory.damping import Damping
 from fvi_cli.integrator.method import Method
@@ -30,16 +29,11 @@ Product = tuple[Array, Form]
 """A small matrix ``(s, s)`` of the method and a large one ``(d, d)`` of the scene."""
 
 
-def is_structure(
-    scenes: Sequence[Scene], method: Method, modes: Sequence[Decoupling] | None
-) -> bool:
-    """Whether this is one scene of large or sparse linear equations that are not decoupled."""
-    if len(scenes) > 1 or not scenes[0].is_linear:
-        return False
-    if modes is None:
-        return True
-    is_large = scenes[0].dimension * method.degree > LARGEST_DENSE
-    return modes[0].batch == 1 and is_large
+def is_structure(scenes: Sequence[Scene], method: Method) -> bool:
+    """Whether this is one scene of large or sparse linear equations."""
+    first, is_single = scenes[0], len(scenes) == 1
+    is_large = first.is_sparse or first.dimension * method.degree > LARGEST_DENSE
+    return is_single and first.is_linear and is_large
 
 
 class Structure:

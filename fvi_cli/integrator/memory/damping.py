@@ -207,7 +207,7 @@ def damping_of(
     reach = None
     if in_reach:
         reach = np.flatnonzero(np.any([touched(one.form) for one in forces[0]], axis=0))
-    width = 1 if modes is None else modes[0].batch  # members of a scene
+    width = 1 if modes is None else scenes[0].dimension  # members of a scene
     place_of, directions = {term: place for place, term in enumerate(terms)}, []
     for places, is_relative in pattern:
         matrix: Form

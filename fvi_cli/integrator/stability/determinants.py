@@ -41,8 +41,9 @@ def independent_systems(scene: Scene) -> LinearSystems:
     sums = {order: matrix for order, matrix in sums.items() if matrix.any()}
     whole = (scene.inertia.mass, scene.stiffness, *sums.values())
     parts = decouple_forms(whole[0], whole[1], whole[2:])
-    forms = np.stack([parts.matrices(form) for form in whole], axis=1)
-    if len(forms) > 1:
+    forms = np.array([whole])
+    if parts is not None:
+        forms = np.stack([parts.matrices(form) for form in whole], axis=1)
         digits = np.char.mod("%.12e", forms.reshape(len(forms), -1))
         forms = forms[np.sort(np.unique(digits, axis=0, return_index=True)[1])]
     return LinearSystems(orders=tuple(sums), forms=forms)
