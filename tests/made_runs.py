@@ -128,7 +128,7 @@ def swinging(*, exact: bool = True) -> Problem:
 
 
 def power_law(run: Run) -> float:
-    quadrature = getattr(run.method, "cq", "bdf1")
+    quadrature = run.method.cq
     share = 1 + list(ORDERS).index(quadrature) if quadrature in ORDERS else 1
     return 0.1 / share * run.step_size ** ORDERS.get(quadrature, 1.0)
 
@@ -152,7 +152,7 @@ def made_study(
             run,
             error(run),
             status=status(run),
-            order_smooth=ORDERS.get(getattr(run.method, "cq", ""), math.nan),
+            order_smooth=ORDERS.get(run.method.cq, math.nan),
             time=time,
             position=(np.sin(time) + offset)[:, None],
             momentum=np.cos(time)[:, None],

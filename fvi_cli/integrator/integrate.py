@@ -52,8 +52,6 @@ def integrate(
     quantities: Mapping[str, str | float] | None = None,
     events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
     impacts: Mapping[str, Mapping[str, object]] | None = None,
-    coordinates: Sequence[str] | None = None,
-    parameters: Mapping[str, float] | None = None,
 ) -> Trajectory:
     """Integrate a scene over [0, T].
 
@@ -75,7 +73,8 @@ def integrate(
     output
         Times at which the motion is reported; the points of the mesh by default.
     quantities
-        Expressions by name, in coordinates, ``v<name>``, ``a<name>``, ``d<name>`` (the damping
+        Expressions by name, in coordinates (those of the scene; or ``x``, or ``x1``, ``x2``, ...),
+        ``v<name>``, ``a<name>``, ``d<name>`` (the damping
         force on the coordinate) and t; their values at the reported times are
         ``trajectory.observed.quantities``, their peaks etc. ``trajectory.observed.extents``.
     events
@@ -84,9 +83,6 @@ def integrate(
     impacts
         ``{"when": ..., "restitution": ...}`` by name: where the expression ``when`` in coordinates
         and t falls to 0, the velocity along its gradient is reversed and scaled.
-    coordinates, parameters
-        Names in these expressions: by default ``x``, or ``x1``, ``x2``, ..., or the coordinates of
-        the Lagrangian; and values of further names.
 
     Returns
     -------
@@ -99,7 +95,7 @@ def integrate(
     ValueError
         For numbers out of range, unknown names, and what the method does not support.
     """
-    names = tuple(coordinates or names_of(scene))
+    names = names_of(scene)
     request = Observations(coordinates=names)
     if not (output is None and quantities is events is impacts is None):
         request = observations(
@@ -108,7 +104,6 @@ def integrate(
             quantities=quantities,
             events=events,
             impacts=impacts,
-            parameters=parameters,
             further=tuple(damper_values(scene)),
         )
     (found,) = integrate_members(

@@ -27,7 +27,6 @@ _BASELINES: Mapping[str, tuple[str, float]] = {
 }
 """Names of baselines for readers, and their orders."""
 BASELINE_NAMES = tuple(_BASELINES)
-COLUMNS: Final = ("cq", "sampling", "degree", "quadrature", "start")
 EXAMPLES: Final = "gauss3, bdf2, bdf2-nodes"
 
 
@@ -48,15 +47,14 @@ class RuleSpecification:
         least = {"gauss": 1, "lobatto": 2}.get(self.rule)
         if least is None or not least <= self.points <= LARGEST_RULE:
             raise ArgumentError(
-                "quadrature", f"{self.label} is not one of gauss1 to gauss64, lobatto2 to lobatto64"
+                "quadrature", f"{self} is not one of gauss1 to gauss64, lobatto2 to lobatto64"
             )
 
     def build(self) -> QuadratureRule:
         """The nodes and weights."""
         return (gauss_rule if self.rule == "gauss" else lobatto_rule)(self.points)
 
-    @property
-    def label(self) -> str:
+    def __str__(self) -> str:
         """Name and number of points in one word, as in file names."""
         return f"{self.rule}{self.points}"
 
@@ -117,7 +115,7 @@ class Method:
         if self.is_runge_kutta and self.sampling != "points":
             raise ArgumentError("sampling", f"{self.cq} is sampled at its own points only")
         if self.is_runge_kutta and self.quadrature not in (None, own):
-            raise ArgumentError("quadrature", f"{self.cq} brings its own rule, {own.label}")
+            raise ArgumentError("quadrature", f"{self.cq} brings its own rule, {own}")
         if self.is_runge_kutta and self.start == "weights":
             raise ArgumentError("start", "weights correct BDF only; use graded or none")
         if self.start == "graded" and self.cq != "gauss":
@@ -134,7 +132,7 @@ class Method:
             # the mass matrix of the step would be singular
             raise ArgumentError(
                 "quadrature",
-                f"{self.rule.label} is too weak for degree {self.degree}; "
+                f"{self.rule} is too weak for degree {self.degree}; "
                 f"it must integrate polynomials of degree {2 * self.degree - 2}",
             )
 
@@ -157,15 +155,7 @@ class Method:
 
     @property
     def bdf_order(self) -> int:
-        """Order p of the backward difference formula.
-
-        Raises
-        ------
-        ValueError
-            For Runge-Kutta methods.
-        """
-        if self.is_runge_kutta:
-            raise ValueError(f"{self.cq} is not a backward difference formula")
+        """Order p of the backward difference formula; for no Runge-Kutta method."""
         return int(self.cq[3:])
 
     @property
@@ -217,7 +207,7 @@ class Method:
         """Name of the method in files: ``bdf2-nodes-s1-gauss1-none``, ``gauss-s3-graded``."""
         words = [self.cq, f"s{self.degree}", self.start]
         if not self.is_runge_kutta:
-            words = [self.cq, self.sampling, f"s{self.degree}", self.rule.label, self.start]
+            words = [self.cq, self.sampling, f"s{self.degree}", str(self.rule), self.start]
         words += (f"{power:g}".replace(".", "p") for power in self.start_exponents)
         if self.forcing_quadrature != usual_forcing(self.cq, self.sampling):
             words.append(self.forcing_quadrature)
@@ -235,12 +225,6 @@ class Method:
         keys["start"] = {"weights": exponents} if exponents else self.start
         keys["forcing_quadrature"] = self.forcing_quadrature
         return keys
-
-    @property
-    def columns(self) -> dict[str, str]:
-        """The columns ``cq, sampling, degree, quadrature, start`` of order tables."""
-        own = self.cq, self.sampling, str(self.degree), self.rule.label, self.start
-        return dict(zip(COLUMNS, own, strict=True))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,18 +266,13 @@ class Baseline:
         """Name of the method for readers: ``Grünwald-Letnikov``."""
         return _BASELINES[self.name][0]
 
-    family = label
-    variant = ""
+    family, cq = label, case
+    variant, sampling, degree, quadrature, start = "", "-", "-", "-", "-"
 
     @property
     def keys(self) -> dict[str, Any]:
         """The key of a configuration that defines the method."""
         return {"baseline": self.name}
-
-    @property
-    def columns(self) -> dict[str, str]:
-        """The columns of order tables; those that it does not have are ``-``."""
-        return {**dict.fromkeys(COLUMNS, "-"), "cq": self.name}
 
 
 AnyMethod = Method | Baseline

@@ -95,11 +95,6 @@ class Observed:
     events: Mapping[str, Occurrences] = field(default_factory=dict)
     stopped_by: str = ""  # event or surface that ended the run, or empty
 
-    def __repr__(self) -> str:
-        """Names, with the number of occurrences of every event."""
-        events = ", ".join(f"{name} ({one.time.size})" for name, one in self.events.items())
-        return f"<Observed: quantities {', '.join(self.quantities) or '-'}; events {events or '-'}>"
-
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trajectory:
@@ -132,8 +127,6 @@ class Trajectory:
         Works and energy balance; None unless requested.
     steps
         All steps as polynomials on their own mesh, where they were kept.
-    rejected
-        Rejected steps of an adaptive run.
     assessment
         Assessment of its error, if it was made for a tolerance.
     observed
@@ -158,7 +151,6 @@ class Trajectory:
     remarks: tuple[str, ...] = ()
     diagnostics: Diagnostics | None = None
     steps: RunSteps | None = None
-    rejected: int = 0
     assessment: Assessment | None = None
     observed: Observed | None = None
     on_mesh: Trajectory | None = None

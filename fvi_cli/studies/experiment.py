@@ -267,10 +267,9 @@ class Run(Subject):
     def settings(self) -> dict[str, Any]:
         """What determines the numbers apart from the problem, as JSON values."""
         experiment = self.experiment
-        method = {key: value for key, value in vars(self.method).items() if key != "quadrature"}
-        quadrature = getattr(self.method, "quadrature", None)
-        if quadrature is not None:
-            method["quadrature"] = quadrature.label
+        method = vars(self.method) | {
+            key: str(value) for key, value in vars(self.method).items() if key == "quadrature"
+        }
         found = {"method": method, "n_steps": self.n_steps, "store.every": experiment.store_every}
         if experiment.grading != 1.0:
             found["grading"] = experiment.grading

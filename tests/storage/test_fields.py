@@ -13,11 +13,9 @@ import fvi_cli as api
 from fvi_cli.config import parse_config
 from fvi_cli.runner.compute import plan
 from fvi_cli.storage import Store, fields
-from fvi_cli.storage.fields import FIELDS, Field
+from fvi_cli.storage.fields import FIELDS
 from fvi_cli.storage.hdf5 import opened
 from fvi_cli.studies.experiment import FinishedRun
-
-MORE = Field("rejected", "steps that were tried in vain", "trajectory.rejected")
 
 
 @pytest.mark.parametrize("path", [one.at for one in FIELDS.values() if isinstance(one.at, str)])
@@ -36,26 +34,32 @@ def test_every_path_of_the_table_leads_to_a_field(path):
 
 def test_a_field_more_is_one_line_and_older_files_stay(tmp_path, monkeypatch):
     path, runs = tmp_path / "sample.h5", made_experiment().runs()
-    old, third = made_run(runs[0], 0.5), made_run(runs[2], 0.5)
-    new = made_run(runs[1], 0.25, rejected=7)
+    old, new, third = (
+        made_run(run, 0.5, newton_iterations=count)
+        for run, count in zip(runs[:3], (5, 7, 0), strict=True)
+    )
     store = Store(path)
-    add(store, [old])
-    with monkeypatch.context() as patch:
-        patch.setitem(FIELDS, MORE.name, MORE)
+    with monkeypatch.context() as older:
+        older.delitem(FIELDS, "newton_iterations")
         fields._place.cache_clear()
-        add(store, [new])
-        store.fold()
-        found = store.read(runs)
-        assert found[old.run].trajectory.rejected == 0
-        assert found[new.run].trajectory.rejected == 7
+        add(store, [old])
     fields._place.cache_clear()
-    # a version that does not know the field reads the file, and keeps what it does not know
-    add(store, [third])
+    add(store, [new])
     store.fold()
-    assert store.read(runs)[new.run].trajectory.rejected == 0
+    found = store.read(runs)
+    assert found[old.run].trajectory.newton_iterations == 0
+    assert found[new.run].trajectory.newton_iterations == 7
+    with monkeypatch.context() as older:
+        older.delitem(FIELDS, "newton_iterations")
+        fields._place.cache_clear()
+        # a version that does not know the field reads the file, and keeps what it does not know
+        add(store, [third])
+        store.fold()
+        assert store.read(runs)[new.run].trajectory.newton_iterations == 0
+    fields._place.cache_clear()
     with opened(path) as file:
         cases = [group for case in file["made-up"].values() for group in case.values()]
-        assert [group.attrs.get("rejected") for group in cases].count(7) == 1
+        assert [group.attrs.get("newton_iterations") for group in cases].count(7) == 1
 
 
 def test_every_value_comes_back_bit_by_bit():

@@ -74,7 +74,6 @@ def test_few_steps_lead_to_small_errors(name):
     scene, tolerance, m, most_steps, exact = CASES[name]
     found = run(scene, tolerance, m)
     assert found.n_steps <= most_steps
-    assert found.rejected < found.n_steps
     assert error(found, exact()) < (1e-8 if name == "an orbit" else 1e-9)
     assert set(scene.break_points) <= set(found.time)
 
@@ -84,7 +83,7 @@ def test_a_jump_that_no_formula_tells_of():
     force = Forcing.from_functions(lambda t: np.where(t <= 1.0, 1.0, 0.0))
     found, told = run(replace(STEP_FORCED, forcing=force), 1e-6), run(STEP_FORCED, 1e-6)
     assert np.abs(found.time - 1.0).min() > 1e-12
-    assert found.rejected > told.rejected
+    assert found.n_steps > told.n_steps
     assert error(found, match_scene(STEP_FORCED).position) > 1e-7
 
 

@@ -80,7 +80,6 @@ class AdaptiveSource(Source):
         factor = (tolerance / max(error, 1e-300)) ** self._exponent if is_solved else 0.0
         self._size = h * min(GROWTH, max(SHRINKAGE, SAFETY * factor))
         if not is_solved or (error > tolerance and h > self._shortest):
-            self.rejected += 1
             if h <= self._shortest:
                 self._fail(why)
             self._size = max(self._size, self._shortest)

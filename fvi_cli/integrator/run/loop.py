@@ -25,7 +25,6 @@ class Source:
     n_steps = 0  # number of the steps that are reported
     reported: Mask | None = None  # which points are; None: all
     failure = ""  # why it proposes no more steps; empty: all are done
-    rejected = 0  # number of rejected steps
     pushes: Sequence[Array] = ()  # by impacts on the momentum, (d,) at every point
 
     def propose(self, engine: Engine, state: State) -> Stretch | None:

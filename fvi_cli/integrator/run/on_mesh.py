@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 import time as clock
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from fvi_cli.integrator.balances import diagnose
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.meshes.controller import MOST_SHORTEST, AdaptiveSteps, shortest_step
 from fvi_cli.integrator.meshes.graded import graded_start_mesh, start_power
-from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, uniform_mesh
+from fvi_cli.integrator.meshes.mesh import ON_GRID, Mesh, mesh_through, uniform_mesh
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.adaptive import AdaptiveSource
 from fvi_cli.integrator.run.loop import MeshSource, Source, march
@@ -146,7 +145,6 @@ def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> lis
             seconds=seconds,
             diagnostics=works,
             steps=steps if kept.with_steps else None,
-            rejected=source.rejected,
         )
         if source.reported is not None:
             points = source.reported[: energy.size].copy()
@@ -178,22 +176,19 @@ def _add_starting_weights(engine: Engine, mesh: Mesh) -> None:
     # most runs need no scipy.special
     from fvi_cli.integrator.starting_weights import starting_loads
 
-    (scene,), tables = engine.scenes, engine.tables
-    h = scene.final_time / mesh.n_steps
-    fresh = set(itertools.accumulate((one.n_steps for one in mesh.stretches), initial=0))
+    (scene,), tables, given = engine.scenes, engine.tables, engine.loads_of[0]
 
     def first_samples(loads: Array, n_steps: int) -> Array:
-        state = engine.start()
-        samples = np.empty((n_steps, tables.sample_points.size, scene.dimension))
-        for index in range(n_steps):
-            force = engine.member_forces([loads[index : index + 1]])
-            given = engine.loads(index * h, h, 1, is_fresh=index in fresh)
-            steps = engine.solve(state, h, 1, force if given is None else given + force)
-            inside = h * np.matmul(tables.sample_basis[1:].T, steps.unknowns[:, 0])
-            place = engine.scene_positions(state.x[:, None] + inside)[0]
-            samples[index] = place - scene.initial_position
-            engine.accept(state, steps, (index + 1) * h)
+        given.add(loads)
+        times, sizes = mesh.times[: n_steps + 1], mesh.sizes[:n_steps]
+        start = mesh_through(times, sizes, np.arange(1, n_steps), scene.break_points)
+        recorder = Recorder(engine, with_steps=True)
+        march(engine, MeshSource(start), recorder)
+        steps = recorder.steps(0)
+        inside = np.einsum("vm,nvd->nmd", tables.sample_basis[1:], steps.unknowns)
+        moved = steps.position[:-1, None] + steps.step_size[:, None, None] * inside
+        samples = np.full((n_steps, *moved.shape[1:]), np.nan)
+        samples[: len(moved)] = moved - scene.initial_position
         return samples
 
-    loads = starting_loads(scene, engine.method, mesh.n_steps, first_samples)
-    engine.loads_of[0].add(loads)
+    given.add(starting_loads(scene, engine.method, mesh.n_steps, first_samples))

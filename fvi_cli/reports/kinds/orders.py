@@ -6,7 +6,6 @@ import itertools
 import math
 import statistics
 from collections.abc import Iterator, Mapping, Sequence
-from types import SimpleNamespace
 
 from fvi_cli.reports.columns import GOOD, Item, member_columns
 from fvi_cli.reports.naming import members_in_words
@@ -31,10 +30,9 @@ COLUMNS = (
     Column("case", get="case.method.case"),
     # convolution quadrature or baseline, sampling of the damping, degree of the polynomials,
     # quadrature of the action, start correction
-    *(
-        Column(name, get=f"described.{name}")
-        for name in ("cq", "sampling", "degree", "quadrature", "start")
-    ),
+    *(Column(name, get=f"case.method.{name}") for name in ("cq", "sampling", "degree")),
+    Column("quadrature", get=lambda of: str(of.case.method.quadrature)),
+    Column("start", get="case.method.start"),
     Column("norm", get="table.norm"),
     Column("n_steps", get="row.n_steps"),
     Column("step_size", get="row.step_size"),
@@ -56,10 +54,9 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
     experiment.
     """
     items = [
-        Item(table=table, case=case, index=index, row=row, described=described)
+        Item(table=table, case=case, index=index, row=row)
         for table in tables
         for case in table.cases
-        for described in (SimpleNamespace(**case.method.columns),)
         for index, row in enumerate(case.rows)
     ]
     experiment = Column("experiment", get="table.experiment")

@@ -199,7 +199,6 @@ def _both(seed: int, **control: bool) -> tuple[fvi.Trajectory, Bounced, float, A
         scene,
         "gauss5",
         60,
-        coordinates=["x", "y"],
         impacts={
             f"w{i}": {"when": wall.text((a, b)), "restitution": wall.restitution}
             for i, wall in enumerate(walls)
@@ -263,7 +262,7 @@ def test_in_a_corner_both_walls_push(seed):
         initial_velocity=velocity.tolist(),
         final_time=2.5,
     )
-    run = fvi.integrate(scene, "gauss3", 10, coordinates=["x", "y"], impacts=walls)
+    run = fvi.integrate(scene, "gauss3", 10, impacts=walls)
     assert run.status == "ok", run.message
     back = -restitution * velocity
     if sides == 3:
@@ -294,7 +293,6 @@ def test_a_frictionless_wall_turns_the_normal_velocity_only():
         scene,
         "gauss3",
         8,
-        coordinates=["x", "y"],
         impacts={"wall": {"when": "1 - x - y", "restitution": 1.0}},
     )
     assert run.observed.events["wall"].time == pytest.approx([0.8])
