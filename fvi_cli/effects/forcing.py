@@ -223,11 +223,6 @@ class Forcing:
                 )
         return tuple(found.values())
 
-    def is_constant(self, value: Array) -> bool:
-        """Whether it is the same vector ``(d,)`` at all times."""
-        still = all(isinstance(one, Expression) and one.is_constant for one in self.components)
-        return still and all((one.evaluate(np.zeros(())) == value).all() for one in self.pieces)
-
     def on_steps(self, start: Array, step_size: float, offsets: Array) -> Array:
         r"""One-sided values on steps that no break point cuts.
 

@@ -151,9 +151,8 @@ def diagnose(scene: Scene, method: Method, steps: RunSteps, loads: StepLoads) ->
     dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
     linear = scene.linear_potential
     if linear is not None and scene.forcing is not None:
-        # the work of the constant force is in the energy; round-off would look like a forcing
-        own = (steps.position - steps.position[0]) @ linear.force
-        worked = 0.0 * own if scene.forcing.is_constant(linear.force) else worked - own
+        # the work of the constant force is in the energy
+        worked = worked - (steps.position - steps.position[0]) @ linear.force
     if method.sampling == "nodes" and damping is not None:
         # half of each kick is in the step before its point, half in the step after it
         kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])

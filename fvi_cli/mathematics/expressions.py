@@ -101,11 +101,6 @@ class Expression:
         """Functions of variables that occur in it, by their NumPy names."""
         return self.system.called
 
-    @property
-    def is_constant(self) -> bool:
-        """Whether no variable occurs."""
-        return not self.names
-
     def derivative(self, name: str) -> Expression:
         """The derivative by a variable."""
         return replace(self, system=derivatives(self.system, [{name: 1.0}])[1:])

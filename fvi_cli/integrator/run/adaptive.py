@@ -17,7 +17,6 @@ from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.run.loop import Source
 from fvi_cli.integrator.tables import step_tables
-from fvi_cli.mathematics.arrays import Array
 
 STEPS_PER_OCTAVE = 4
 """Step sizes are powers of the fourth root of 2, so that the tables of a size are used again."""
@@ -69,7 +68,7 @@ class AdaptiveSource(Source):
         h, why = steps.h, "the local error cannot be kept"
         position = engine.scene_positions(state.x[:, None])[0, 0]
         unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
-        scale = _largest(position) + h * _largest(unknowns)
+        scale = float(np.abs(position).max() + h * np.abs(unknowns).max())
         tolerance, error = max(self._asked.tolerance, ROUND_OFF * scale), math.inf
         if steps.failed.any():
             why = why_unsolved(steps, state)
@@ -97,9 +96,3 @@ class AdaptiveSource(Source):
 
     def _fail(self, why: str) -> None:
         self.failure = f"step {self.n_steps}, t = {self._time:.6g}: {why}"
-
-
-def _largest(values: Array) -> float:
-    """Largest absolute value; zero if it is not finite: the scale of an error stays finite."""
-    largest = float(np.maximum.reduce(np.abs(values), axis=None))
-    return largest if math.isfinite(largest) else 0.0

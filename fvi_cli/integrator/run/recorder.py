@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -58,8 +59,6 @@ class Recorder:
         self._columns: list[Any] = []
         self._velocity: list[Array] = []
         self._waiting: list[Solved] = []
-        # for some scenes how many of the waiting steps are kept, and why they stop there
-        self._stops: dict[int, tuple[int, str]] = {}
         self._ends: dict[int, int] = {}  # numbers of steps of scenes that have stopped
 
     def count(self, steps: Steps) -> None:
@@ -67,13 +66,19 @@ class Recorder:
         self._iterations = self._iterations + steps.iterations
 
     def note(self, state: State, steps: Steps) -> None:
-        """Record which scenes fail in the next steps; the state is that before them."""
+        """Stop the scenes that fail in the next steps; the state is that before them."""
         if not np.count_nonzero(steps.failed):
             return
         for member in np.flatnonzero(steps.failed & state.live).tolist():
             step, why = self._done + self._count, why_unsolved(steps, state, member)
             words = f"step {step}, t = {state.t:.6g}: {why}"
-            self._stops.setdefault(member // self._engine.width, (self._count, words))
+            self._stop(state, member // self._engine.width, step, words)
+
+    def _stop(self, state: State, scene: int, end: int, why: str) -> None:
+        """Stop a scene after so many steps, if it goes on there; its members are solved no more."""
+        if end < self._ends.get(scene, math.inf):
+            self.failures[scene], self._ends[scene] = why, end
+            state.live = state.live & (np.arange(state.live.size) // self._engine.width != scene)
 
     def add(self, solved: Solved) -> None:
         """Add the next steps."""
@@ -87,33 +92,28 @@ class Recorder:
 
     @property
     def is_full(self) -> bool:
-        """Whether it is time to :meth:`flush`: enough steps wait, or a scene has stopped."""
-        return self._count >= WAITING or bool(self._stops)
+        """Whether enough steps wait for :meth:`flush`."""
+        return self._count >= WAITING
 
     def flush(self, state: State) -> None:
-        """Keep the added steps; members of scenes that stop here are solved no more."""
-        if self._waiting:
-            added = self._joined()
-            # a sum is finite only if all terms are
-            if not np.isfinite(added.position.sum() + added.momentum.sum()):
-                self._stop_at_infinity(added)
-            if self.with_steps:
-                self._velocity.append(self._velocities())
-            for pieces, piece in zip(self._pieces, added, strict=True):
-                pieces.append(piece)
-        for scene, (count, words) in self._stops.items():
-            if scene not in self.failures:
-                self.failures[scene], self._ends[scene] = words, self._done + count
-                members = np.arange(state.live.size) // self._engine.width
-                state.live = state.live & (members != scene)
-        self._done, self._count, self._waiting, self._stops = self._done + self._count, 0, [], {}
+        """Keep the added steps."""
+        if not self._waiting:
+            return
+        added = self._joined()
+        # a sum is finite only if all terms are
+        if not np.isfinite(added.position.sum() + added.momentum.sum()):
+            self._stop_at_infinity(state, added)
+        if self.with_steps:
+            self._velocity.append(self._velocities())
+        for pieces, piece in zip(self._pieces, added, strict=True):
+            pieces.append(piece)
+        self._done, self._count, self._waiting = self._done + self._count, 0, []
 
     def finish(self, state: State, failure: str) -> None:
         """Note that there are no more steps, where `failure` says so since all scenes stop."""
-        if failure:
-            for scene in range(len(self._engine.scenes)):
-                self._stops.setdefault(scene, (self._count, failure))
         self.flush(state)
+        for scene in range(len(self._engine.scenes)) if failure else ():
+            self._stop(state, scene, self._done, failure)
         # pieces of a column are freed when they are joined
         for axis in (0, 1, 1, 0):
             self._columns.append(_join(self._pieces.pop(0), axis))
@@ -143,14 +143,14 @@ class Recorder:
         of_scenes = self._engine.scene_positions(velocity.reshape(q, n * r, -1))
         return of_scenes.reshape(len(self._engine.scenes), n, r, -1)
 
-    def _stop_at_infinity(self, added: _Points) -> None:
+    def _stop_at_infinity(self, state: State, added: _Points) -> None:
         """Stop scenes before their first step to numbers that are not finite."""
         both = np.concatenate([added.position, added.momentum], axis=2)
         finite = np.asarray(np.isfinite(both).all(axis=2))
         for scene in np.flatnonzero(~finite.all(axis=1)).tolist():
             at = int(finite[scene].argmin())
-            if scene not in self._stops or at < self._stops[scene][0]:
-                self._stops[scene] = at, not_finite(self._done + at, float(added.time[at]))
+            end, why = self._done + at, not_finite(self._done + at, float(added.time[at]))
+            self._stop(state, scene, end, why)
 
     # the following is for runs whose steps are all done
 
