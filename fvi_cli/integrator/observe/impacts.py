@@ -163,12 +163,7 @@ class Bouncing(Source):
         if steps.failed.any():
             self._fail(why_unsolved(steps, state))
             return False
-        path = StepPath(
-            begin=state.t,
-            size=steps.h,
-            position=engine.scene_positions(state.x[:, None])[0, 0],
-            unknowns=engine.scene_positions(steps.unknowns[:, 0])[0],
-        )
+        path = self.path(engine, state, steps)
         x, p = state.x[:, None] + steps.dx, state.p[:, None] + steps.dp
         position, momentum = (one[0, 0] for one in engine.to_scene(x, p))
         velocity = self._scene.velocity(position, momentum, path.begin + path.size)

@@ -11,7 +11,6 @@ from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.state import State, Steps
 from fvi_cli.integrator.failure import why_unsolved
 from fvi_cli.integrator.meshes.controller import AdaptiveSteps, first_step, shortest_step
-from fvi_cli.integrator.meshes.forces import StepPath
 from fvi_cli.integrator.meshes.local_error import LocalError
 from fvi_cli.integrator.meshes.mesh import Stretch
 from fvi_cli.integrator.method import Method
@@ -66,14 +65,12 @@ class AdaptiveSource(Source):
     def accepts(self, engine: Engine, state: State, steps: Steps) -> bool:
         """Whether a step keeps the local tolerance, or has the shortest size and is solved."""
         h, why = steps.h, "the local error cannot be kept"
-        position = engine.scene_positions(state.x[:, None])[0, 0]
-        unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
-        scale = float(np.abs(position).max() + h * np.abs(unknowns).max())
+        path = self.path(engine, state, steps)
+        scale = float(np.abs(path.position).max() + h * np.abs(path.unknowns).max())
         tolerance, error = max(self._asked.tolerance, ROUND_OFF * scale), math.inf
         if steps.failed.any():
             why = why_unsolved(steps, state)
         else:
-            path = StepPath(begin=self._time, size=h, position=position, unknowns=unknowns)
             error = self._local_error.of(path, tolerance, is_fresh=self._is_fresh)
         is_solved = math.isfinite(error)
         factor = (tolerance / max(error, 1e-300)) ** self._exponent if is_solved else 0.0

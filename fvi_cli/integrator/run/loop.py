@@ -11,6 +11,7 @@ from fvi_cli.integrator.engine.blocks import advance, block_length
 from fvi_cli.integrator.engine.engine import Engine
 from fvi_cli.integrator.engine.recurrence import DOUBLINGS, Recurrence
 from fvi_cli.integrator.engine.state import State, Steps
+from fvi_cli.integrator.meshes.forces import StepPath
 from fvi_cli.integrator.meshes.mesh import Mesh, Stretch
 from fvi_cli.integrator.run.recorder import Recorder, Solved
 from fvi_cli.mathematics.arrays import Array, Mask
@@ -34,6 +35,12 @@ class Source:
     def accepts(self, engine: Engine, state: State, steps: Steps) -> bool:
         """Whether solved steps that begin at `state` are part of the run."""
         return True
+
+    def path(self, engine: Engine, state: State, steps: Steps) -> StepPath:
+        """The polynomial of a single step of one scene."""
+        position = engine.scene_positions(state.x[:, None])[0, 0]
+        unknowns = engine.scene_positions(steps.unknowns[:, 0])[0]
+        return StepPath(begin=state.t, size=steps.h, position=position, unknowns=unknowns)
 
 
 class MeshSource(Source):
