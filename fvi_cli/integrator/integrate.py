@@ -148,7 +148,7 @@ def integrate_members(
     each = list(steps) if isinstance(steps, Sequence) else [steps] * len(scenes)
     requests = list(observe) or [Observations()] * len(scenes)
     is_observed = any(not one.is_empty for one in requests)
-    if is_observed:
+    if with_steps or is_observed:
         check_observable(method)
     for value in each:
         if isinstance(value, Mesh | AdaptiveSteps):
@@ -204,9 +204,6 @@ def _integrated(
         return [material_response(first, method, steps, with_steps=kept.with_steps)]
     if reason := law_objection(first, method):
         raise ValueError(f"method: {reason}")
-    if kept.with_steps and (isinstance(method, Baseline) or not method.is_runge_kutta):
-        words = f"{method.label} has no polynomials to keep; take rk: gauss, such as gauss3"
-        raise ValueError(f"with_steps: {words}")
     if isinstance(method, Baseline):
         if isinstance(steps, Mesh | AdaptiveSteps) or kept.diagnostics:
             raise ValueError(

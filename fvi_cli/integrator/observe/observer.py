@@ -18,7 +18,7 @@ from fvi_cli.integrator.observe.dampers import (
     forces_along,
 )
 from fvi_cli.integrator.observe.motion import Motion
-from fvi_cli.integrator.observe.request import Observations, check_observable
+from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.trajectory import Extent, Observed, Occurrences, Trajectory
 from fvi_cli.mathematics.arrays import Array, Places
 from fvi_cli.mathematics.expressions import Expression
@@ -41,7 +41,6 @@ def observe_runs(
     ValueError
         For a run without steps, and times outside of it.
     """
-    check_observable(method)
     assert isinstance(method, Method)
     steps = []
     for scene, run, request in zip(scenes, runs, requests, strict=True):
