@@ -7,7 +7,6 @@ all samples y before.
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
@@ -21,7 +20,6 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.bdf import convolution_weights
 from fvi_cli.mathematics.convergence import find_roots
-from fvi_cli.mathematics.threads import in_one_thread
 
 
 def baseline_objection(scene: Scene, method: Baseline) -> str:
@@ -33,7 +31,6 @@ def baseline_objection(scene: Scene, method: Baseline) -> str:
     return ""
 
 
-@in_one_thread
 def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajectory:
     """The trajectory of a baseline on t_k = k T / N.
 
@@ -44,7 +41,6 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
     """
     if objection := baseline_objection(scene, method):
         raise ValueError(f"baseline: {objection}")
-    began = time.perf_counter()
     steps = _EqualSteps(scene, n_steps)
     points = [_Point(scene.initial_position, scene.initial_velocity)]
     scheme, failure = SCHEMES[method.name](steps), ""
@@ -74,7 +70,6 @@ def integrate_baseline(scene: Scene, method: Baseline, n_steps: int) -> Trajecto
         message=failure,
         history_operations=steps.operations,
         newton_iterations=sum(point.iterations for point in points),
-        seconds=time.perf_counter() - began,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time as clock
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
 
@@ -169,6 +170,7 @@ def integrate_members(
         for first in range(0, len(places), together):
             part = places[first : first + together]
             members, asked = [scenes[k] for k in part], [requests[k] for k in part]
+            began = clock.perf_counter()
             runs = _integrated(
                 members,
                 method,
@@ -176,6 +178,8 @@ def integrate_members(
                 asked[0],
                 Kept(diagnostics, with_steps or is_observed),
             )
+            seconds = (clock.perf_counter() - began) / len(part)
+            runs = [replace(run, seconds=seconds) for run in runs]
             if is_observed:
                 runs = observe_runs(members, method, runs, asked)
             found.update(zip(part, runs, strict=True))

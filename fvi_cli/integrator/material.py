@@ -20,7 +20,6 @@ from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.steps import RunSteps
 from fvi_cli.integrator.tables import step_tables
 from fvi_cli.integrator.trajectory import Trajectory
-from fvi_cli.mathematics.threads import in_one_thread
 
 START_POWER = 0.5
 """Power for the grading after a kink: every step is a fixed share of its distance; measured in
@@ -31,7 +30,6 @@ FEWEST, MOST = 64, 2**14
 """Fewest and most steps with which the polynomials of a displacement are resolved."""
 
 
-@in_one_thread
 def material_response(
     scene: Scene,
     method: AnyMethod,

@@ -13,7 +13,6 @@ are kept: the force remembers the motion before. After an impact the position ha
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -62,7 +61,6 @@ def integrate_with_impacts(
     ValueError
         For a start behind a surface, or on it and moving through it.
     """
-    began = clock.perf_counter()
     surfaces = {
         name: Surface(impact=one, coordinates=request.coordinates, parameters=request.parameters)
         for name, one in request.impacts.items()
@@ -73,7 +71,7 @@ def integrate_with_impacts(
     shortest = SHORTEST_STEP * scene.final_time
     engine = Engine([scene], method, shortest_step=shortest, steps=MOST_SHORTEST, is_single=True)
     source = Bouncing(scene, method, n_steps, surfaces)
-    (run,) = run_through(engine, source, kept._replace(with_steps=True), began)
+    (run,) = run_through(engine, source, kept._replace(with_steps=True))
     steps, events = run.steps, dict[str, Occurrences]()
     assert steps is not None
     for name, times in source.times.items():

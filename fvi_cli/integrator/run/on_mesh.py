@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time as clock
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import NamedTuple
@@ -90,7 +89,7 @@ def integrate_scenes(
         For a mesh that does not end at T or has a break point of the forcing inside of a step,
         and a method that has no variable steps.
     """
-    began, first = clock.perf_counter(), scenes[0]
+    first = scenes[0]
     if isinstance(steps, Mesh):
         if not math.isclose(steps.final_time, first.final_time, rel_tol=1e-12):
             words = f"it ends at {steps.final_time:g}, the run at {first.final_time:g}"
@@ -104,18 +103,17 @@ def integrate_scenes(
         source = MeshSource(steps)
         if method.start == "weights" and first.active_damping:
             _add_starting_weights(engine, steps)
-    return run_through(engine, source, kept, began)
+    return run_through(engine, source, kept)
 
 
-def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> list[Trajectory]:
-    """Do the steps of a source; `began` is the time of a clock where their preparation began."""
+def run_through(engine: Engine, source: Source, kept: Kept) -> list[Trajectory]:
+    """Do the steps of a source."""
     # above order 1 velocities begin like a power of t behind such loads, and so do momenta
     is_rough = engine.method.cq == "gauss" and any(
         one.acts_above_order_1 and (one.initial_loads or source.pushes) for one in engine.scenes
     )
     recorder = Recorder(engine, with_steps=kept.with_steps or kept.diagnostics or is_rough)
     march(engine, source, recorder)
-    seconds = (clock.perf_counter() - began) / len(engine.scenes)
     trajectories = []
     for index, scene in enumerate(engine.scenes):
         steps = recorder.steps(index)
@@ -142,7 +140,6 @@ def run_through(engine: Engine, source: Source, kept: Kept, began: float) -> lis
             message=failure,
             history_operations=0 if damping is None else done * damping.operations_per_step,
             newton_iterations=recorder.iterations_of(index),
-            seconds=seconds,
             diagnostics=works,
             steps=steps if kept.with_steps else None,
         )
