@@ -29,7 +29,7 @@ turns an initial position into the force :math:`t^{-\gamma}`, they fall with
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -140,15 +140,13 @@ def diagnose(scene: Scene, method: Method, steps: RunSteps, loads: StepLoads) ->
         damping = damping * steps.step_size[:, None, None]
         every = along.stored()
         stored = None if every is None else every[0]
-    added = loads_along(loads.of_weights, steps, scene.break_points)
-    if added is not None:
-        damping = -added if damping is None else damping - added
-    initial = loads_along(loads.of_initial_data, steps, scene.break_points)
-    forcing = loads_along(loads.of_forcing, steps, scene.break_points)
+    known = loads_along(loads, steps, scene.break_points)
+    if damping is not None:
+        damping = damping - known.get("weights", 0.0)
     basis = lobatto_basis(steps.tables.degree)
     slopes = basis.derivatives(basis.control_points)[1:]
     rates = np.einsum("vj,nvd->njd", slopes, steps.unknowns)
-    dissipated, worked = _summed(damping, rates), _summed(forcing, rates)
+    dissipated, worked = _summed(damping, rates), _summed(known.get("forcing"), rates)
     linear = scene.linear_potential
     if linear is not None and scene.forcing is not None:
         # the work of the constant force is in the energy
@@ -157,7 +155,7 @@ def diagnose(scene: Scene, method: Method, steps: RunSteps, loads: StepLoads) ->
         # half of each kick is in the step before its point, half in the step after it
         kicks = 2.0 * np.concatenate([damping[:, 0], damping[-1:, -1]])
         dissipated = _work_of_kicks(scene, steps, kicks)
-    dissipated = dissipated - _summed(initial, rates)
+    dissipated = dissipated - _summed(known.get("initial"), rates)
     if scene.lagrangian is not None and scene.lagrangian.depends_on_time:
         at_stages = steps.stage_position, steps.velocity, steps.stage_time
         rate = scene.lagrangian.time_derivative(*at_stages)
@@ -201,21 +199,13 @@ def _running(changes: Array) -> Array:
     return np.concatenate([[0.0], np.cumsum(changes)])
 
 
-def loads_along(
-    of_steps: Callable[..., Array | None], steps: RunSteps, breaks: Sequence[float]
-) -> Array | None:
-    """Load vectors of all steps of a run, ``(n, s + 1, d)``; None without forces.
+def loads_along(loads: StepLoads, steps: RunSteps, breaks: Sequence[float]) -> dict[str, Array]:
+    """Load vectors of all steps of a run, ``(n, s + 1, d)``, by :meth:`.StepLoads.parts`.
 
-    `of_steps` is as :meth:`fvi_cli.integrator.loads.StepLoads.of_steps`; forces may be singular at
-    the start and at the breaks.
+    Forces may be singular at the start and at the breaks.
     """
-    total: Array | None = None
-    end = 0
-    for one in steps.mesh(breaks).stretches:
-        begin, end = end, end + one.n_steps
-        own = of_steps(one.begin, one.step_size, one.n_steps, is_fresh=one.is_fresh)
-        if own is not None:
-            # a force that is zero has no load vectors
-            total = np.zeros((steps.n_steps, *own.shape[1:])) if total is None else total
-            total[begin:end] = own
-    return total
+    found = [
+        loads.parts(one.begin, one.step_size, one.n_steps, is_fresh=one.is_fresh)
+        for one in steps.mesh(breaks).stretches
+    ]
+    return {name: np.concatenate([one[name] for one in found]) for name in found[0]}

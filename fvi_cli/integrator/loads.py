@@ -65,44 +65,31 @@ class StepLoads:
 
         A fresh step begins where a force may be singular.
         """
-        parts = (
-            self.of_forcing(begin, step_size, n_steps, is_fresh=is_fresh),
-            self.of_initial_data(begin, step_size, n_steps, is_fresh=is_fresh),
-            self.of_weights(begin, step_size, n_steps, is_fresh=is_fresh),
-        )
-        known = [one for one in parts if one is not None]
-        return sum(known[1:], start=known[0]) if known else None
+        parts = self.parts(begin, step_size, n_steps, is_fresh=is_fresh).values()
+        return np.add.reduce(list(parts)) if parts else None
 
-    def of_forcing(
+    def parts(
         self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
-    ) -> Array | None:
-        """The part of the scene's forcing; None where there is none."""
-        if self._forcing is None:
-            return None
-        start = begin + step_size * np.arange(n_steps, dtype=float)
-        if self._rule == "exact":
-            return self._exact(self._forcing.on_steps, start, step_size, is_fresh=is_fresh)
-        values = self._forcing.on_steps(start, step_size, self._tables.points)
-        return np.asarray(step_size * np.einsum("ni,kid->knd", self._tables.test_weights, values))
-
-    def of_initial_data(
-        self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
-    ) -> Array | None:
-        """The part of the initial data."""
-        if not self._initial:
-            return None
-        start = begin + step_size * np.arange(n_steps, dtype=float)
-        total = self._exact(self._initial_force, start, step_size, is_fresh=False)
-        if begin == 0.0:
-            total[0] = self._initial_loads_at_zero(step_size)
-        return total
-
-    def of_weights(
-        self, begin: float, step_size: float, n_steps: int, *, is_fresh: bool
-    ) -> Array | None:
-        """The part of the starting weights, see :meth:`add`."""
-        first = round(begin / step_size)
-        return self._added[first : first + n_steps] if self._added.size else None
+    ) -> dict[str, Array]:
+        """Load vectors of the forces that there are: ``forcing``, ``initial`` data, ``weights``."""
+        start, found = begin + step_size * np.arange(n_steps, dtype=float), dict[str, Array]()
+        if self._forcing is not None and self._rule == "exact":
+            on_steps = self._forcing.on_steps
+            found["forcing"] = self._exact(on_steps, start, step_size, is_fresh=is_fresh)
+        elif self._forcing is not None:
+            values = self._forcing.on_steps(start, step_size, self._tables.points)
+            found["forcing"] = step_size * np.einsum(
+                "ni,kid->knd", self._tables.test_weights, values
+            )
+        if self._initial:
+            initial = self._exact(self._initial_force, start, step_size, is_fresh=False)
+            if begin == 0.0:
+                initial[0] = self._initial_loads_at_zero(step_size)
+            found["initial"] = initial
+        if self._added.size:
+            first = round(begin / step_size)
+            found["weights"] = self._added[first : first + n_steps]
+        return found
 
     def _initial_force(self, start: Array, step_size: float, offsets: Array) -> Array:
         times = (start[:, None] + step_size * offsets)[..., None]

@@ -140,13 +140,6 @@ def test_works_are_those_of_the_exact_motion(order):
     )
 
 
-def test_asking_changes_the_motion_by_round_off_only():
-    scene = oscillator(0.5)
-    plain = integrate(scene, GAUSS3_GRADED, 256)
-    with_more = integrate(scene, GAUSS3_GRADED, 256, diagnostics=True)
-    assert np.abs(plain.position - with_more.position).max() < 1e-13
-
-
 Array = np.ndarray
 
 

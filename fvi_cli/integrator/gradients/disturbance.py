@@ -39,13 +39,13 @@ def disturbance(run: LinearisedRun, parameters: Sequence[Parameter]) -> Disturba
         momentum, force = _by_formulas(scene, one, *points)
         loads[k] = run.loads_by(momentum + points[1] @ mass, force - points[0] @ stiffness)
         if (forcing := rate_of_forcing(scene.forcing, one, "forcing")) is not None:
-            loads[k] += _loads_of(run, replace(scene, forcing=forcing), "of_forcing")
+            loads[k] += _loads_of(run, replace(scene, forcing=forcing), "forcing")
         position[k] = one.of("initial_position")
         impulse[k] = at.mass[0] @ one.of("initial_velocity", run.d) + at.mixed[0] @ position[k]
         impulse[k] += start[1] @ mass + _by_formulas(scene, one, *start)[0]
 
     def of_memory(scenes: list[Scene]) -> Array:
-        initial = [_loads_of(run, one, "of_initial_data") for one in scenes]
+        initial = [_loads_of(run, replace(one, forcing=None), "initial") for one in scenes]
         forces = forces_along(scenes, run.method, [steps] * len(scenes))
         every = zip(forces, initial, strict=True)
         return np.array([own - run.loads_by(0.0 * force, force) for force, own in every])
@@ -57,10 +57,9 @@ def disturbance(run: LinearisedRun, parameters: Sequence[Parameter]) -> Disturba
 def _loads_of(run: LinearisedRun, scene: Scene, part: str) -> Array:
     """Load vectors of all steps of a run by the forces of a scene, ``(n, s + 1, d)``."""
     steps = run.steps
-    of_steps = getattr(StepLoads(scene, run.method, steps.tables), part)
-    found = loads_along(of_steps, steps, scene.break_points)
+    loads = StepLoads(scene, run.method, steps.tables)
     zero = np.zeros((steps.n_steps, steps.tables.degree + 1, scene.dimension))
-    return zero if found is None else found
+    return loads_along(loads, steps, run.scene.break_points).get(part, zero)
 
 
 def _by_formulas(
