@@ -177,13 +177,10 @@ class _Work:
         self.config, self.store = config, store
         self.is_fresh = fresh and not is_stored(config)
         self.part, self.of = shard_named(shard)
+        # only who computes all parts makes the result file
+        self.is_whole = self.of == 1
         self.listed = {experiment: experiment.runs() for experiment in config.experiments}
         self.runs = [run for own in self.listed.values() for run in own]
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether it computes all parts, and so makes the result file."""
-        return self.of == 1
 
     @functools.cached_property
     def missing(self) -> set[Run]:
@@ -264,15 +261,15 @@ def _outcome(
     """
     if experiment.needs_search and not experiment.members and finished:
         experiment = finished[0].run.experiment
-    outcome = Outcome(experiment=experiment, finished=tuple(finished))
-    if is_stored(config) and outcome.missing:
-        words = f"{config.path}: {outcome.missing} runs of {experiment.name} are not stored for "
+    missing = len(experiment.runs()) - len(finished)
+    if is_stored(config) and missing:
+        words = f"{config.path}: {missing} runs of {experiment.name} are not stored for "
         words += "these settings and this version of fvi; compute them with fvi run and their "
         words += f"configuration, which fvi show {config.path} --config prints"
         if not finished:
             raise StorageError(words)
         _logger.warning("%s", words)
-    return outcome
+    return Outcome(experiment=experiment, finished=tuple(finished))
 
 
 def _report(found: Sequence[FinishedRun]) -> None:

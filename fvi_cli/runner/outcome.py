@@ -122,11 +122,6 @@ class Outcome:
         """Runs that failed although the configuration does not expect it."""
         return tuple(f for f in self.finished if is_unexpected_failure(f))
 
-    @property
-    def missing(self) -> int:
-        """Number of runs that were not computed."""
-        return len(self.experiment.runs()) - len(self.finished)
-
 
 def is_unexpected_failure(finished: FinishedRun) -> bool:
     """Whether the run failed and its configuration did not expect that."""

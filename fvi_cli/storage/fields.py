@@ -43,11 +43,6 @@ class Field:
     axes: tuple[str, ...] = ()  # axes of an array; empty: an attribute
     is_json: bool = False  # a list or a mapping, which is written as JSON
 
-    @functools.cached_property
-    def get(self) -> Callable[[FinishedRun], Any]:
-        """A function that returns the value of a finished run; for a name with * all values."""
-        return self.at if callable(self.at) else attrgetter(self.at.partition(".*")[0])
-
 
 def _extents(finished: FinishedRun) -> dict[str, Any] | None:
     """Peaks and other extents of quantities; JSON has no nan."""
@@ -211,20 +206,19 @@ def _given(finished: FinishedRun, *, are_arrays: bool) -> Iterator[tuple[str, An
     for one in FIELDS.values():
         if bool(one.axes) != are_arrays:
             continue
-        try:
-            found = one.get(finished)
-        except AttributeError:
-            if callable(one.at):
-                raise
-            continue  # something on the way is None
-        if found is None:
-            continue
-        if callable(one.at) or "*" not in one.at:
+        found: Any
+        if callable(one.at):
+            found, many = one.at(finished), ""
+        else:
+            found, (above, many, after) = finished, one.at.partition(".*")
+            for part in above.split("."):
+                # nothing is stored where something on the way is None
+                found = None if found is None else getattr(found, part)
+        if found is not None and not many:
             yield one.name, found
-            continue
-        after = one.at.partition(".*")[2]
-        for name, inner in found.items():
-            yield one.name.replace("*", name), attrgetter(after[1:])(inner) if after else inner
+        elif found is not None:
+            for name, inner in found.items():
+                yield one.name.replace("*", name), attrgetter(after[1:])(inner) if after else inner
 
 
 def finished_of(
