@@ -14,7 +14,7 @@ from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.reports.kinds.orders import order_report
 from fvi_cli.scenes.problem import AnyProblem, Problem
 from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
-from fvi_cli.studies.order import OrderCase, OrderRow, OrderTable, order_table
+from fvi_cli.studies.order import OrderCase, OrderTable, order_table
 
 BDF1, BDF2, BDF3 = (Method(cq=f"bdf{p}", degree=1, sampling="nodes") for p in (1, 2, 3))
 STEPS = (2, 4, 8, 16)
@@ -79,30 +79,17 @@ def table_of(
     return order_table(described, [make(run) for run in described.runs()[:count]])
 
 
-def row(n_steps: int, error: float, **changes: Any) -> OrderRow:
-    made = OrderRow(
-        n_steps=n_steps,
-        step_size=1.0 / n_steps,
-        error=error,
-        floor=1e-13,
-        status="ok" if math.isfinite(error) else "diverged",
-        order_smooth=2.0,
-    )
-    return dataclasses.replace(made, **changes)
+def row(n_steps: int, error: float, **changes: Any) -> FinishedRun:
+    run = Run(experiment=made_experiment(), method=BDF2, n_steps=n_steps)
+    status = "ok" if math.isfinite(error) else "diverged"
+    return made_run(run, error, **{"status": status, **changes})
 
 
-def one_case(*rows: OrderRow, **changes: Any) -> OrderTable:
+def one_case(*rows: FinishedRun, name: str = "made-up") -> OrderTable:
     """A table of BDF2 alone."""
-    made = OrderTable(
-        experiment="made-up",
-        equation="x'' = 0",
-        gamma="",
-        reference="expression",
-        norm="max",
-        final_time=1.0,
-        cases=(OrderCase(method=BDF2, rows=rows),),
-    )
-    return dataclasses.replace(made, **changes)
+    case = OrderCase(method=BDF2, rows=rows)
+    problem = dataclasses.replace(made_experiment().problem, equation="x'' = 0")
+    return OrderTable(experiment=made_experiment(name=name, problem=problem), cases=(case,))
 
 
 def rendered(name: str, made: Sequence[OrderTable]) -> dict[str, str]:

@@ -126,7 +126,7 @@ def convergence(random: Random, words: list[str]) -> Claims:
         if row.used_in_fit:
             if claim.true < 30 * float(np.max(scene.error)):
                 return
-            true.append((math.log(row.step_size), math.log(claim.true)))
+            true.append((math.log(row.run.step_size), math.log(claim.true)))
     if len(true) >= 2:
         lengths, errors = np.array(true).T
         slope = float(np.polyfit(lengths, errors, 1)[0])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, TypeVar
@@ -138,9 +139,10 @@ class Experiment:
         """Whether the configuration says that this method fails here."""
         return lookup_case(self.expect, method) is not None
 
-    def claim(self, method: AnyMethod) -> float | None:
-        """The order that the source of the experiment claims for this method."""
-        return lookup_case(self.claims, method)
+    def claim(self, method: AnyMethod) -> float:
+        """The order that the source of the experiment claims for this method; nan: none."""
+        found = lookup_case(self.claims, method)
+        return math.nan if found is None else found
 
 
 def lookup_case(mapping: Mapping[str, T], method: AnyMethod) -> T | None:
@@ -192,16 +194,12 @@ class Subject:
         return scene
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False, slots=True)
 class Run(Subject):
     """One method with one number of steps, and one member where there is a sweep."""
 
     method: AnyMethod
     n_steps: int
-
-    def __repr__(self) -> str:
-        """The run in one line."""
-        return f"<Run {self.title}>"
 
     @property
     def is_search(self) -> bool:
@@ -283,7 +281,7 @@ class Run(Subject):
         return found | experiment.observations.specification()
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, slots=True)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False, slots=True)
 class FinishedRun:
     """A run with its trajectory and error."""
 
@@ -307,9 +305,10 @@ class FinishedRun:
     """The error in every norm, and the numbers from which its floor follows; None where the error
     is an estimate or the run was not computed."""
 
-    def __repr__(self) -> str:
-        """The run in one line, with its error."""
-        return f"<FinishedRun {self.run.title}: {self.status}, error {self.error:.3g}>"
+    @property
+    def used_in_fit(self) -> bool:
+        """Whether slopes use it: status ``ok``, and an error above the floor."""
+        return self.status == "ok" and 0 < self.error < math.inf and not self.error <= self.floor
 
 
 def finest_of_members(finished: Sequence[FinishedRun]) -> list[FinishedRun]:

@@ -85,7 +85,7 @@ PAGES: dict[str, Sequence[OrderTable]] = {
     "nothing": [table_of(count=0)],
     "unfinished": [table_of(name="nothing", count=0), table_of(name="all but one run", count=7)],
     "remarks": [table_of(remarked, BDF1, BDF2, GAUSS3)],
-    "entries": [one_case(*rows, experiment=name) for name, rows in ENTRIES.items()],
+    "entries": [one_case(*rows, name=name) for name, rows in ENTRIES.items()],
     "degrees": [table_of(powers, *DEGREES[:6])],
     "other-methods": [table_of(name="a"), table_of(powers, GAUSS3, name="b"), table_of(name="c")],
 }

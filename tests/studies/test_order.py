@@ -94,7 +94,6 @@ def test_runs_are_in_order_and_have_their_orders():
     table = order_table(own, first)
     assert table.cases[0].slope == pytest.approx(2, abs=0.1)
     assert table.cases[1].slope == pytest.approx(1, abs=0.1)
-    assert table.gamma == "0.5"
 
 
 @pytest.mark.parametrize("sweep", [{}, {"sweep": {"problem.stiffness": [1.0, 4.0]}}])
@@ -125,7 +124,7 @@ def test_claims_and_expected_failures_are_looked_up_by_case_or_its_beginning():
     assert own.claim(METHOD) == 1.9
     assert own.expects_failure(METHOD)
     other = Method(cq="bdf3", degree=1, sampling="nodes")
-    assert own.claim(other) is None
+    assert math.isnan(own.claim(other))
     assert not own.expects_failure(other)
 
 

@@ -115,7 +115,7 @@ def _explained(finished: Sequence[FinishedRun], curves: Sequence[Curve]) -> dict
     able = [one for one in finished if one.status == "ok"]
     finest = {one.run.method: one for one in sorted(able, key=lambda one: -one.run.step_size)}
     stated = (one.run.experiment.claim(one.run.method) for one in finest.values())
-    claims = {claim for claim in stated if claim is not None}
+    claims = {claim for claim in stated if not math.isnan(claim)}
     floors = [one.floor for one in finished if is_measured(one) and one.error < one.floor]
     theory = {one.order_smooth for one in finest.values() if math.isfinite(one.order_smooth)}
     floor, orders = max(floors, default=0.0), set()

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from fvi_cli.reports.columns import GOOD, Item, member_columns
 from fvi_cli.reports.naming import members_in_words
 from fvi_cli.reports.table import Block, Column, Grid, Report, Sheet, Within, grid_of, listed, pivot
+from fvi_cli.scenes.problem import Problem
 from fvi_cli.studies.members import counts_in_words, label_of
 from fvi_cli.studies.order import OrderCase, OrderTable
 
@@ -33,17 +34,17 @@ COLUMNS = (
     *(Column(name, get=f"case.method.{name}") for name in ("cq", "sampling", "degree")),
     Column("quadrature", get=lambda of: str(of.case.method.quadrature)),
     Column("start", get="case.method.start"),
-    Column("norm", get="table.norm"),
-    Column("n_steps", get="row.n_steps"),
-    Column("step_size", get="row.step_size"),
+    Column("norm", get="table.experiment.norm"),
+    Column("n_steps", get="row.run.n_steps"),
+    Column("step_size", get="row.run.step_size"),
     Column("error", within=ERROR, get="row.error"),
     Column("pairwise_order", within=None, get=lambda of: of.case.pairwise_order(of.index)),
     Column("used_in_fit", get="row.used_in_fit"),
     Column("slope", within=None, get="case.slope"),
     Column("order_smooth", get="row.order_smooth"),
     Column("status", get="row.status"),
-    Column("seconds", within=None, get="row.seconds"),
-    Column("history_operations", within=None, get="row.history_operations"),
+    Column("seconds", within=None, get="row.trajectory.seconds"),
+    Column("history_operations", within=None, get="row.trajectory.history_operations"),
 )
 
 
@@ -59,7 +60,7 @@ def order_report(name: str, tables: Sequence[OrderTable]) -> Report:
         for case in table.cases
         for index, row in enumerate(case.rows)
     ]
-    experiment = Column("experiment", get="table.experiment")
+    experiment = Column("experiment", get="table.experiment.name")
     swept = member_columns((table.member for table in tables), "table.member")
     heading = f"# Orders of convergence: {name}"
     return Report(
@@ -105,7 +106,7 @@ def _blocks(title: str, tables: Sequence[OrderTable], *, every_n: bool = True) -
     alone = [table for table in tables if not table.swept]
     if len(alone) > 1:
         yield _finest(title, alone)
-    for name, group in itertools.groupby(tables, key=lambda table: table.experiment):
+    for name, group in itertools.groupby(tables, key=lambda table: table.experiment.name):
         own = list(group)
         if own[0].cases and len(alone) > 1 and not (every_n or own[0].swept):
             continue
@@ -133,7 +134,7 @@ def _finest(title: str, tables: Sequence[OrderTable]) -> Grid:
     return pivot(
         (
             (
-                (label_of(table.member) or table.experiment.removeprefix(f"{title}-"),),
+                (label_of(table.member) or table.experiment.name.removeprefix(f"{title}-"),),
                 case.method.case,
                 (_entries(case, -1)[0], _slope(case)),
             )
@@ -155,20 +156,23 @@ def _slope(case: OrderCase) -> str:
 
 def _setting(tables: Sequence[OrderTable]) -> str:
     """Equation and norm of an experiment; `tables` are those of its members for a sweep."""
-    table = tables[0]
-    gamma = ", ".join(dict.fromkeys(filter(None, table.gamma.split(";"))))
+    experiment, reference = tables[0].experiment, tables[0].cases[0].rows[0].reference
+    problem = experiment.problem
+    terms = problem.scene.damping if isinstance(problem, Problem) else (problem,)
+    orders = [f"{one.order:.15g}" for one in terms if not experiment.members]
+    gamma = ", ".join(dict.fromkeys(orders))
     rows = (row for one in tables for case in one.cases for row in case.rows)
     mark = "" if all(row.used_in_fit for row in rows) else "; in parentheses: not used by the slope"
-    equation = f"`{table.equation}`; " if table.equation else ""
-    errors = errors_in_words(table.norm, table.reference)
-    begin = f"{equation}{f'gamma = {gamma}; ' if gamma else ''}T = {table.final_time:g}"
+    equation = f"`{problem.equation}`; " if problem.equation else ""
+    errors = errors_in_words(experiment.norm, reference)
+    begin = f"{equation}{f'gamma = {gamma}; ' if gamma else ''}T = {problem.final_time:g}"
     return f"{begin}. {errors}{mark}."
 
 
 def _errors(cases: Sequence[OrderCase]) -> Grid:
     """A line for every N with the error and the order of every method; slope and theory below."""
     cells = sorted(
-        (row.n_steps, f"{row.step_size:.4g}", case.method.case, _entries(case, k))
+        (row.run.n_steps, f"{row.run.step_size:.4g}", case.method.case, _entries(case, k))
         for case in cases
         for k, row in enumerate(case.rows)
     )
@@ -205,7 +209,7 @@ def _number(value: float, form: str, missing: str = "-") -> str:
 
 SLOPES = (
     Column("method", "method", get="case.method.label"),
-    Column("n_steps", "N", get="finest.n_steps"),
+    Column("n_steps", "N", get="finest.run.n_steps"),
     Column("error", "error", get=lambda of: _entries(of.case, -1)[0]),
     Column("slope", "slope", ".2f", get="case.slope"),
     Column("order_smooth", "on smooth data", ".3g", get="case.order_smooth"),
@@ -250,11 +254,11 @@ def _remarks(table: OrderTable) -> Iterator[str]:
     found: dict[tuple[str, str], list[int]] = {}
     for case in table.cases:
         for row in case.rows:
-            for text in row.remarks:
-                found.setdefault((case.method.label, text), []).append(row.n_steps)
-        failed = next((row for row in case.rows if row.message), None)
-        if failed is not None:
-            found.setdefault((case.method.label, failed.message), []).append(failed.n_steps)
+            for text in row.trajectory.remarks:
+                found.setdefault((case.method.label, text), []).append(row.run.n_steps)
+        for row in [row for row in case.rows if row.trajectory.message][:1]:
+            text = row.trajectory.message
+            found.setdefault((case.method.label, text), []).append(row.run.n_steps)
     for (label, text), steps in found.items():
         numbers = steps if len(steps) <= 4 else [*steps[:2], "...", steps[-1]]
         yield f"{label}, N = {', '.join(map(str, numbers))}: {text.rstrip('.')}."
