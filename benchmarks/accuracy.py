@@ -33,6 +33,11 @@ def step_figure(table: CostTable) -> Figure:
 
 def _least(table: CostTable, accuracy: float, *, of_baselines: bool = False) -> float:
     """Least time to an error of at most `accuracy`; infinite: not reached."""
-    rows = [one for one in table.rows if isinstance(one.run.method, Baseline) == of_baselines]
-    reached = (one.seconds for one in rows if one.is_usable and one.error <= accuracy)
+    reached = (
+        row.seconds
+        for row in table.rows
+        if isinstance(row.finished.run.method, Baseline) == of_baselines
+        and row.is_usable
+        and row.finished.error <= accuracy
+    )
     return min(reached, default=math.inf)

@@ -23,7 +23,6 @@ from fvi_cli.studies.cost import REPEATS, CostRow, CostTable, measure_cost
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 from fvi_cli.studies.fits.settings import FitModel, FitSettings
-from fvi_cli.studies.reference import reference_of
 from fvi_cli.studies.stability_study import StabilityRow, StabilityTable, distinct_regions
 from fvi_cli.studies.study import prediction_of
 
@@ -52,11 +51,10 @@ def cost(source: Source, *, repeats: int = REPEATS, progress: bool = False) -> l
     config = load(source)
     tasks = cost_tasks(config, repeats=repeats)
     rows: list[CostRow] = carry_out(tasks, config.name, progress=progress)
-    tables = []
-    for experiment in config.experiments:
-        own = tuple(row for row in rows if row.run.experiment is experiment)
-        reference = reference_of(own[0].run).source
-        tables.append(CostTable(experiment=experiment, reference=reference, rows=own))
+    tables = [
+        CostTable(experiment=one, rows=tuple(r for r in rows if r.finished.run.experiment is one))
+        for one in config.experiments
+    ]
     for line in (line for table in tables for line in table.unexpected):
         _logger.warning("%s", line)
     return tables
@@ -71,15 +69,11 @@ def cost_tasks(config: LoadedConfig, *, repeats: int = REPEATS) -> list[Task]:
             experiment=experiment.name,
             action=f"time {run.method.label}",
             of=f"N = {run.n_steps}",
-            work=functools.partial(_cost_row, run, repeats),
+            work=functools.partial(measure_cost, run, repeats=repeats),
         )
         for experiment in config.experiments
         for run in experiment.runs()
     ]
-
-
-def _cost_row(run: Run, repeats: int) -> CostRow:
-    return measure_cost(run, reference_of(run), repeats=repeats)
 
 
 def _cost_complaints(config: LoadedConfig) -> Iterator[str]:

@@ -16,8 +16,7 @@ import timeit
 from dataclasses import dataclass, replace
 
 from fvi_cli.integrator.integrate import integrate
-from fvi_cli.studies.experiment import Experiment, Observed, Run
-from fvi_cli.studies.reference import Reference
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Run
 from fvi_cli.studies.study import execute
 
 REPEATS = 5
@@ -28,21 +27,15 @@ REPEATS = 5
 class CostRow:
     """One method on one number of steps."""
 
-    run: Run
-    status: Observed
-    error: float
-    floor: float  # errors below are round-off or those of the reference
-    seconds: float = math.nan  # set-up and steps, the least of the repeats; nan: not measured
-    median_seconds: float = math.nan
-    repeats: int = 0
-    history_operations: int = 0  # work as it was counted
-    newton_iterations: int = 0
-    message: str = ""
+    finished: FinishedRun
+    seconds: float  # set-up and steps, the least of the repeats
+    median_seconds: float
+    repeats: int
 
     @property
     def is_usable(self) -> bool:
         """Whether the run reached an accuracy that is worth its time."""
-        return self.status in ("ok", "floor") and math.isfinite(self.error)
+        return self.finished.status in ("ok", "floor") and math.isfinite(self.finished.error)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -50,25 +43,25 @@ class CostTable:
     """The cost of the methods of one experiment."""
 
     experiment: Experiment
-    reference: str  # what the errors are measured against
     rows: tuple[CostRow, ...]  # by method, steps increasing
 
     @property
     def unexpected(self) -> list[str]:
         """One line for every run that failed although the configuration did not say so."""
+        failed = [row.finished for row in self.rows if not row.is_usable]
         return [
-            f"{row.run.title}: {row.status}" + (f" ({row.message})" if row.message else "")
-            for row in self.rows
-            if not row.is_usable and not self.experiment.expects_failure(row.run.method)
+            f"{one.run.title}: {one.status} ({one.trajectory.message})".removesuffix(" ()")
+            for one in failed
+            if not self.experiment.expects_failure(one.run.method)
         ]
 
 
-def measure_cost(run: Run, reference: Reference, *, repeats: int = REPEATS) -> CostRow:
+def measure_cost(run: Run, *, repeats: int = REPEATS) -> CostRow:
     """Error, time and work of one run.
 
     It is computed once before: imports, and first access to pages of memory, are not measured.
     """
-    finished = execute(run, reference=reference)
+    finished = execute(run)
 
     def once() -> None:
         # the copy lacks the factors of the mass that an earlier run has left in the scene
@@ -77,16 +70,10 @@ def measure_cost(run: Run, reference: Reference, *, repeats: int = REPEATS) -> C
 
     seconds = timeit.repeat(once, clear_caches, number=1, repeat=repeats)
     return CostRow(
-        run=run,
-        status=finished.status,
-        error=finished.error,
-        floor=finished.floor,
+        finished=finished,
         seconds=min(seconds),
         median_seconds=statistics.median(seconds),
         repeats=repeats,
-        history_operations=finished.trajectory.history_operations,
-        newton_iterations=finished.trajectory.newton_iterations,
-        message=finished.trajectory.message,
     )
 
 

@@ -9,9 +9,8 @@ from fvi_cli.config import parse_config
 from fvi_cli.integrator.integrate import integrate
 from fvi_cli.mathematics.quadrature import gauss_rule
 from fvi_cli.studies import cost
-from fvi_cli.studies.cost import CostRow, measure_cost
-from fvi_cli.studies.experiment import Experiment, Run
-from fvi_cli.studies.reference import reference_of
+from fvi_cli.studies.cost import measure_cost
+from fvi_cli.studies.experiment import Experiment
 
 TEXT = (
     LADDER.replace("quick", "small").partition("method")[0]
@@ -30,21 +29,18 @@ def experiment(text: str = TEXT) -> Experiment:
     return found
 
 
-def measured(run: Run, repeats: int = 2) -> CostRow:
-    return measure_cost(run, reference_of(run), repeats=repeats)
-
-
 def test_every_run_is_measured_and_counted():
     one = experiment()
-    rows = [measured(run, repeats=3) for run in one.runs()]
+    rows = [measure_cost(run, repeats=3) for run in one.runs()]
     for row in rows:
-        trajectory = integrate(one.problem.scene, row.run.method, row.run.n_steps)
-        assert row.history_operations == trajectory.history_operations > 0
-        assert row.newton_iterations == trajectory.newton_iterations
+        run, counted = row.finished.run, row.finished.trajectory
+        trajectory = integrate(one.problem.scene, run.method, run.n_steps)
+        assert counted.history_operations == trajectory.history_operations > 0
+        assert counted.newton_iterations == trajectory.newton_iterations
         assert row.repeats == 3
         assert 0 < row.seconds <= row.median_seconds
-        assert row.status == "ok"
-    errors = [row.error for row in rows[:3]]
+        assert row.finished.status == "ok"
+    errors = [row.finished.error for row in rows[:3]]
     assert errors == sorted(errors, reverse=True)
 
 
@@ -57,7 +53,7 @@ def test_every_timed_run_begins_cold(monkeypatch):
 
     monkeypatch.setattr(cost, "integrate", watched)
     (run, *_) = experiment().runs()
-    measured(run)
+    measure_cost(run, repeats=2)
     assert gauss_rule.cache_info().currsize > 0
     assert seen == [0, 0]
 
@@ -69,9 +65,9 @@ problem: {kind: bagley-torvik, stiffness: -1.0, initial: {position: 1.0}, final_
 method: {rk: gauss, degree: 1}
 ladder: {steps: [1, 2]}
 """
-    singular, solved = (measured(run) for run in experiment(text).runs())
-    assert (singular.status, singular.is_usable) == ("failed", False)
-    assert (solved.status, solved.repeats) == ("ok", 2)
+    singular, solved = (measure_cost(run, repeats=2) for run in experiment(text).runs())
+    assert (singular.finished.status, singular.is_usable) == ("failed", False)
+    assert (solved.finished.status, solved.repeats) == ("ok", 2)
     assert math.isfinite(solved.seconds)
 
 

@@ -186,8 +186,8 @@ def _exponent(experiment: Experiment) -> float:
 def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
     """Least time, and history operations, against the error; a row for every experiment."""
     costs: dict[str, Callable[[CostRow], float]] = {"least time (s)": lambda row: row.seconds}
-    if any(row.history_operations for table in tables for row in table.rows):
-        costs["multiply-adds on the history"] = lambda row: row.history_operations
+    if any(_operations(row) for table in tables for row in table.rows):
+        costs["multiply-adds on the history"] = _operations
     panels = [
         Panel(
             curves=_cost_curves(table, cost),
@@ -202,12 +202,21 @@ def cost_figures(name: str, tables: Sequence[CostTable]) -> dict[str, Figure]:
     return {f"{name}-cost": made}
 
 
+def _operations(row: CostRow) -> float:
+    return row.finished.trajectory.history_operations
+
+
 def _cost_curves(table: CostTable, cost: Callable[[CostRow], float]) -> list[Curve]:
     """The runs of every method as points of error and cost; an error of 0 is below the floor."""
     curves = []
-    for case, words in method_words([row.run.method for row in table.rows]).items():
-        rows = [r for r in table.rows if r.run.method.case == case and r.is_usable and cost(r) > 0]
-        if rows:
-            x, y = np.array([(max(r.error, r.floor / 100), cost(r)) for r in rows]).T
+    for case, words in method_words([row.finished.run.method for row in table.rows]).items():
+        own = [row for row in table.rows if row.finished.run.method.case == case]
+        pairs = [
+            (max(row.finished.error, row.finished.floor / 100), cost(row))
+            for row in own
+            if row.is_usable and cost(row) > 0
+        ]
+        if pairs:
+            x, y = np.array(pairs).T
             curves.append(Curve(x=x, y=y, **words))
     return curves

@@ -9,18 +9,20 @@ from fvi_cli.reports.table import Block, Column, Report, Sheet, grid_of, listed
 from fvi_cli.studies.cost import CostTable
 
 COLUMNS = (
-    Column("experiment", get="run.experiment.name"),
-    Column("case", get="run.method.case"),
-    Column("method", "method", get="run.method.label"),
-    Column("n_steps", "N", get="run.n_steps"),
-    Column("step_size", get="run.step_size"),
-    Column("error", "error", ".2e"),
+    Column("experiment", get="finished.run.experiment.name"),
+    Column("case", get="finished.run.method.case"),
+    Column("method", "method", get="finished.run.method.label"),
+    Column("n_steps", "N", get="finished.run.n_steps"),
+    Column("step_size", get="finished.run.step_size"),
+    Column("error", "error", ".2e", get="finished.error"),
     Column("seconds", "least, s", ".2g"),  # of all repeats
     Column("median_seconds", "median, s", ".2g"),
     Column("repeats"),
-    Column("history_operations", "history operations"),
-    Column("newton_iterations", "Newton"),
-    Column("status", "status"),
+    Column(
+        "history_operations", "history operations", get="finished.trajectory.history_operations"
+    ),
+    Column("newton_iterations", "Newton", get="finished.trajectory.newton_iterations"),
+    Column("status", "status", get="finished.status"),
 )
 
 
@@ -39,6 +41,7 @@ def _blocks(tables: Sequence[CostTable]) -> Iterator[Block]:
     for table in tables:
         if len(tables) > 1:
             yield f"## {table.experiment.name}"
-        yield f"{errors_in_words(table.experiment.norm, table.reference)}."
+        yield f"{errors_in_words(table.experiment.norm, table.rows[0].finished.reference)}."
         yield grid_of(COLUMNS, table.rows)
-        yield from listed(f"{row.run.title}: {row.message}" for row in table.rows if row.message)
+        runs = [row.finished for row in table.rows if row.finished.trajectory.message]
+        yield from listed(f"{one.run.title}: {one.trajectory.message}" for one in runs)
