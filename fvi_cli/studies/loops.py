@@ -33,9 +33,6 @@ SWING: Final = 0.25
 """Share of the range of a loop from which on a maximum counts as one of another period."""
 LEAST_POINTS: Final = 20
 """Least stored points of a loop."""
-LEAST_STIFFNESS: Final = 2e-3
-"""Stiffnesses below this share of force range over deformation range are 0: with 20 points the
-stiffness of a viscous damper errs by half of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,8 +80,8 @@ def last_loop(time: Array, deformation: Array, force: Array) -> DamperLoop | Non
 
     A loop is one period: it lies between two rises of the deformation through the middle of its
     range, with one maximum between them. Loops of less than a thousandth of the range, such as
-    round-off at rest, do not count. With too few points the numbers are nan. Where the stiffness
-    is 0 the loss factor is infinite, without a force nan.
+    round-off at rest, do not count. With too few points the numbers are nan, and the loss factor
+    is nan without a force.
     """
     # slow imports, which most commands do not need
     from scipy.signal import find_peaks
@@ -121,13 +118,11 @@ def _loop(t: Array, y: Array, f: Array, middle: float, first: int, last: int) ->
     ends = turns[[moved(turns).argmax(), moved(turns).argmin()]]
     amplitude, pushed = -0.5 * np.diff(moved(ends))[0], -0.5 * np.diff(forced(ends))[0]
     stiffness = pushed / amplitude
-    if abs(stiffness) <= LEAST_STIFFNESS * np.ptp(f[near]) / np.ptp(y[near]):
-        stiffness *= 0.0
     at = np.linspace(begin, end, SAMPLES, endpoint=False)
     around, force = moved(at), forced(at)
     work = 0.5 * force @ (np.roll(around, -1) - np.roll(around, 1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        loss_factor = work / (math.pi * abs(stiffness) * amplitude**2) * np.sign(stiffness or 1.0)
+        loss_factor = work / (math.pi * stiffness * amplitude**2)
     return DamperLoop(
         begin=float(begin),
         end=float(end),

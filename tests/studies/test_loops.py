@@ -52,7 +52,7 @@ def test_of_few_points_a_number_is_near_or_not_given(order):
     size = 1 / max(abs(math.cos(order * np.pi / 2)), 1e-9)
     for _ in range(40):
         points = rng.uniform(3, 60)
-        motion, (stiffness, loss_factor, work) = steady(rng, order, points)
+        motion, (stiffness, _, work) = steady(rng, order, points)
         loop = last_loop(*motion)
         if points < LEAST_POINTS - 1:
             assert loop is None or math.isnan(loop.stiffness)
@@ -60,20 +60,17 @@ def test_of_few_points_a_number_is_near_or_not_given(order):
             assert points < LEAST_POINTS + 1
             continue
         assert loop.work == pytest.approx(work, rel=2e-3)
-        if loop.stiffness:
-            assert loop.stiffness == pytest.approx(stiffness, rel=4e-3 * size)
-        else:
-            assert math.isinf(loop.loss_factor)
-            assert abs(loss_factor) > 10
+        # the error is a share of the modulus
+        assert loop.stiffness == pytest.approx(stiffness, rel=4e-3 * size)
 
 
 @pytest.mark.parametrize("points", [20.5, 40, 97.3, 571, 4000])
-def test_a_viscous_damper_has_no_stiffness_and_one_without_force_no_loss_factor(points):
+def test_a_viscous_damper_has_hardly_any_stiffness_and_one_without_force_no_loss_factor(points):
     rng = np.random.default_rng(13)
     for _ in range(10):
         motion, (_, _, work) = steady(rng, 1.0, points)
         loop = last_loop(*motion)
-        assert (loop.stiffness, loop.loss_factor) == (0.0, math.inf)
+        assert abs(loop.loss_factor) > 300
         assert loop.work == pytest.approx(work, rel=2e-3)
         time, deformation, _ = motion
         assert math.isnan(last_loop(time, deformation, 0 * time).loss_factor)
