@@ -72,7 +72,7 @@ from fvi_cli.studies.experiment import FinishedRun as FinishedRun
 from fvi_cli.studies.experiment import Run as Run
 from fvi_cli.studies.fits.result import FitResult as FitResult
 from fvi_cli.studies.order import OrderTable as OrderTable
-from fvi_cli.studies.stability_study import StabilityTable as StabilityTable
+from fvi_cli.studies.study import StabilityTable as StabilityTable
 from fvi_cli.studies.tolerance.search import solve as solve
 from fvi_cli.studies.vibration.modes import Mode as Mode
 from fvi_cli.studies.vibration.modes import ModeTable as ModeTable

@@ -25,7 +25,7 @@ from fvi_cli.studies.experiment import Experiment, FinishedRun
 from fvi_cli.studies.fits.result import FitResult
 from fvi_cli.studies.order import OrderTable
 from fvi_cli.studies.order import tables_of_members as tables_of_orders
-from fvi_cli.studies.stability_study import StabilityTable
+from fvi_cli.studies.study import StabilityTable
 from fvi_cli.studies.vibration.modes import ModeTable
 from fvi_cli.studies.vibration.response import ResponseTable
 

@@ -17,7 +17,7 @@ from fvi_cli.storage import StoredFile
 from fvi_cli.storage.fields import extents_in
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.members import counts_in_words, label_of
-from fvi_cli.studies.peak_errors import with_peak_errors
+from fvi_cli.studies.study import with_peak_errors
 
 
 def _assessed(name: str) -> Any:

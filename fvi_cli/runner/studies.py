@@ -14,6 +14,7 @@ from fvi_cli.config import LoadedConfig
 from fvi_cli.config.fits.fitted import fitted_text
 from fvi_cli.errors import RequestError
 from fvi_cli.integrator.method import AnyMethod
+from fvi_cli.integrator.stability.patterns import has_patterns
 from fvi_cli.integrator.stability.region import StabilityMap, stability_map
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.runner.progress import Task, carry_out
@@ -23,8 +24,7 @@ from fvi_cli.studies.cost import REPEATS, CostRow, CostTable, measure_cost
 from fvi_cli.studies.experiment import NEEDS_LADDER, Experiment, Run
 from fvi_cli.studies.fits.result import FitResult, ModelFit
 from fvi_cli.studies.fits.settings import FitModel, FitSettings
-from fvi_cli.studies.stability_study import StabilityRow, StabilityTable, distinct_regions
-from fvi_cli.studies.study import prediction_of
+from fvi_cli.studies.study import StabilityRow, StabilityTable, prediction_of
 
 _logger = logging.getLogger(__name__)
 
@@ -140,13 +140,22 @@ def _stability_tasks_of(experiment: Experiment) -> Iterator[Task]:
     if (region := experiment.stability.region) is None:
         return
     for order in region.orders:
-        for method in distinct_regions(experiment.methods):
+        for method in _distinct_regions(experiment.methods):
             yield Task(
                 experiment=experiment.name,
                 action=f"region of {method.label}",
                 of=f"order {order:g}",
                 work=functools.partial(_stability_maps, method, order, *map(np.array, region.axes)),
             )
+
+
+def _distinct_regions(methods: Sequence[AnyMethod]) -> list[AnyMethod]:
+    """One method for each stability region: start and forcing do not change the region."""
+    found: dict[str, AnyMethod] = {}
+    for method in filter(has_patterns, methods):
+        keys = {k: v for k, v in method.keys.items() if k not in ("start", "forcing_quadrature")}
+        found.setdefault(repr(keys), method)
+    return list(found.values())
 
 
 def _stability_rows(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ from fvi_cli.integrator.integrate import integrate_members
 from fvi_cli.integrator.meshes.graded import order_on
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.stability.prediction import StabilityPrediction, predict_stability
+from fvi_cli.integrator.stability.region import StabilityMap
 from fvi_cli.integrator.trajectory import Status, Trajectory
 from fvi_cli.mathematics.bdf import left_operator
 from fvi_cli.scenes.problem import DerivativeProblem
-from fvi_cli.studies.experiment import FinishedRun, Observed, Run
+from fvi_cli.studies.experiment import Experiment, FinishedRun, Observed, Run
 from fvi_cli.studies.norms import NORMS, Measured, error_norm, point_weights, unit_of
 from fvi_cli.studies.reference import WITHOUT_END, Reference, reference_of
 from fvi_cli.studies.tolerance.experiment_run import run_for_tolerance
@@ -78,6 +80,23 @@ def _differentiate(problem: DerivativeProblem, run: Run) -> Trajectory:
         history_operations=values.size * (run.n_steps + 2) // 2,
         seconds=time.perf_counter() - began,
     )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StabilityRow:
+    """One method on one member with one step size."""
+
+    run: Run
+    prediction: StabilityPrediction
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class StabilityTable:
+    """The stability study of one experiment."""
+
+    experiment: Experiment
+    rows: tuple[StabilityRow, ...]
+    regions: tuple[StabilityMap, ...] = ()
 
 
 def prediction_of(run: Run) -> StabilityPrediction:
@@ -154,3 +173,36 @@ def order_smooth_of(run: Run) -> float:
     """Order on smooth data; nan where it is not to be expected."""
     scene = run.problem.scene
     return math.nan if scene is None else order_on(scene, run.method, run.experiment.grading)
+
+
+def with_peak_errors(finished: Sequence[FinishedRun]) -> list[FinishedRun]:
+    """Runs of ladders with the errors of their peaks, where two runs of a method reached T.
+
+    The error of a run is its difference from the finest run; the error of the finest run is its
+    difference from the run before, which is larger than its error. Runs for a tolerance keep their
+    errors.
+    """
+    ladders: dict[tuple[object, ...], list[int]] = {}
+    for index, one in enumerate(finished):
+        if one.status in ("ok", "floor") and not one.run.is_search and one.trajectory.observed:
+            member = one.run.member and one.run.member.number
+            key = (one.run.experiment.name, member, one.run.method.case)
+            ladders.setdefault(key, []).append(index)
+    found = list(finished)
+    for ladder in ladders.values():
+        ladder.sort(key=lambda index: finished[index].run.n_steps)
+        pairs = [(index, ladder[-1]) for index in ladder[:-1]]
+        for index, other in (*pairs, *((b, a) for a, b in itertools.pairwise(ladder[-2:]))):
+            found[index] = _compared(finished[index], finished[other])
+    return found
+
+
+def _compared(one: FinishedRun, other: FinishedRun) -> FinishedRun:
+    own, its = one.trajectory.observed, other.trajectory.observed
+    if own is None or its is None:
+        return one
+    extents = {
+        name: replace(extent, error=abs(extent.peak - its.extents[name].peak))
+        for name, extent in own.extents.items()
+    }
+    return replace(one, trajectory=replace(one.trajectory, observed=replace(own, extents=extents)))

@@ -19,7 +19,7 @@ from fvi_cli.plotting.style import method_words
 from fvi_cli.plotting.words import fraction_in_words
 from fvi_cli.reports.naming import key_label
 from fvi_cli.studies.members import value_in_words
-from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
+from fvi_cli.studies.study import StabilityRow, StabilityTable
 
 _COLOURS = (
     ("stable", "#c9dff2"),

@@ -15,7 +15,7 @@ from fvi_cli.reports.naming import with_unit
 from fvi_cli.reports.table import MOST_LINES, Block, Column, Report, Sheet, Within, grid_of
 from fvi_cli.studies.experiment import FinishedRun
 from fvi_cli.studies.loops import deformation_against, forces_of, last_loop
-from fvi_cli.studies.peak_errors import with_peak_errors
+from fvi_cli.studies.study import with_peak_errors
 
 LOOSE = Within(relative=1e-2, absolute=1e-12)
 """Tolerance for loops, which are computed from the stored points."""

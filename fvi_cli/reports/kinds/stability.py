@@ -9,7 +9,7 @@ from fvi_cli.integrator.stability.prediction import TOLERATED_GROWTH
 from fvi_cli.reports.columns import Item, member_columns
 from fvi_cli.reports.table import MOST_LINES, Block, Column, Report, Sheet, Within, listed, pivot
 from fvi_cli.studies.members import label_of
-from fvi_cli.studies.stability_study import StabilityRow, StabilityTable
+from fvi_cli.studies.study import StabilityRow, StabilityTable
 
 COLUMNS = (
     Column("case", get="row.run.method.case"),
