@@ -102,8 +102,10 @@ def solve_by_two_runs(scene: Scene, wanted: Accuracy) -> tuple[Trajectory, Traje
     target = wanted.length(amplitude)
     local, before, best = first_local(target, amplitude), math.inf, None
     is_kinked = has_kinks(scene)
+    # beside kinks errors fall like the root of the local tolerance
+    least = (0.01 if is_kinked else 10.0) * EPSILON
     degree = wanted.stages or (8 if target >= 10.0**-FEW_DIGITS * amplitude else 10)
-    while best is None or local > 10 * EPSILON * amplitude:
+    while best is None or local > least * amplitude:
         # what hides does not fall with the steps as other errors do
         steps = AdaptiveSteps(
             tolerance=local,
