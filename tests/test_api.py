@@ -146,7 +146,7 @@ def test_stability_is_studied_over_a_parameter():
 def test_costs_are_measured():
     integer = {**CONFIG["problem"], "damping": [{"order": 1.0, "coefficient": 0.7}]}
     tables = fvi.cost({**CONFIG, "problem": integer, "ladder": {"steps": [4, 8]}})
-    assert [row.status for row in tables[0].rows] == ["ok", "ok"]
+    assert [row.finished.status for row in tables[0].rows] == ["ok", "ok"]
     assert "Gauss2" in fvi.as_text(tables)
     assert list(fvi.figures(tables)) == ["free-cost"]
 

@@ -26,8 +26,7 @@ from fvi_cli.studies.vibration.outputs import harmonic_outputs
 from fvi_cli.studies.vibration.response import (
     GROUND,
     ResponseTable,
-    ground_amplitude,
-    harmonic_force,
+    harmonic_load,
     harmonic_response,
 )
 
@@ -167,18 +166,18 @@ def _response(
         raise ValueError(f"say where forces act, for example --force x1, or --force {GROUND}")
     direction = specification.get("ground_direction", 1.0)
     with _naming("--force"):
-        loads = [harmonic_force(text, scene, coordinates, direction) for text in force]
+        load, ground = harmonic_load(force, scene, coordinates, direction)
     quantities = one.experiment.observations.quantities or {}
     with _naming("--at"):
         names = names_along(problem, problem.ready)
         outputs = harmonic_outputs(at, names, problem, quantities) if at else None
     table = harmonic_response(
         scene,
-        sum(loads, np.zeros(1)),
+        load,
         hertz,
         outputs=at or coordinates,
         rows=None if outputs is None else outputs.rows,
-        offsets=0.0 if outputs is None else outputs.ground * ground_amplitude(force),
+        offsets=0.0 if outputs is None else outputs.ground * ground,
         load_words=", ".join(force),
     )
     qualities = ("displacement",) if outputs is None else outputs.qualities

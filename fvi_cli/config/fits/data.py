@@ -31,7 +31,7 @@ from fvi_cli.studies.fits.settings import (
     Series,
 )
 from fvi_cli.studies.members import value_at, with_values
-from fvi_cli.studies.vibration.response import GROUND, forms_of, harmonic_force
+from fvi_cli.studies.vibration.response import GROUND, harmonic_load, linear_form_of
 
 LEAST_ORDER: Final = 1e-3
 LARGEST_ORDER: Final = 1.999
@@ -205,7 +205,7 @@ def _forces(
         report.add(f"say where the force acts, force: {coordinates[0]} or force: {GROUND}")
     for text in forces:
         try:
-            harmonic_force(text, scene, coordinates)
+            harmonic_load([text], scene, coordinates)
         except ValueError as error:
             report.add(str(error), "force")
         yield text
@@ -217,7 +217,7 @@ def _response(given: Data, problem: Problem, report: Report) -> Iterator[dict[st
     for name, columns in given.columns.items():
         rate = 0 if name in coordinates or name[1:] not in coordinates else "xva".find(name[0])
         try:
-            (row,) = forms_of([name[1:] if rate > 0 else name], coordinates)
+            row = linear_form_of(name[1:] if rate > 0 else name, coordinates)
         except ValueError as error:
             report.add(f"not known: {error}", "columns", name, of_key=True)
             continue

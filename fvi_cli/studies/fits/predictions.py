@@ -20,7 +20,7 @@ from fvi_cli.mathematics.arrays import Array, ComplexArray
 from fvi_cli.mathematics.expressions import Expression
 from fvi_cli.studies.fits.settings import Amplitude, DataSet
 from fvi_cli.studies.vibration.dynamic_stiffness import DynamicStiffness
-from fvi_cli.studies.vibration.response import harmonic_force
+from fvi_cli.studies.vibration.response import harmonic_load
 
 Predicted = list[tuple[Array, Array]]
 """For every series a pair: values, ``(n,)``, and derivatives by p parameters, ``(n, p)``."""
@@ -57,9 +57,8 @@ def predict_response(
     s = 2j * math.pi * hertz
 
     def load(of: Scene) -> ComplexArray:
-        names = data.coordinates
-        every = [harmonic_force(text, of, names, ground_direction) for text in data.forces]
-        return np.asarray(sum(every), complex)
+        found, _ = harmonic_load(data.forces, of, data.coordinates, ground_direction)
+        return found.astype(complex)
 
     def forces(scenes: list[Scene]) -> ComplexArray:
         """T q of scenes at the amplitudes, less the load."""

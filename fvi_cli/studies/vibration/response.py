@@ -243,52 +243,44 @@ def _crossing(
     return float(inside + part * length)
 
 
-def harmonic_force(
-    text: str, scene: Scene, coordinates: Sequence[str], ground_direction: ArrayLike = 1.0
-) -> Array:
-    """The amplitude of a force, shape ``(d,)``.
+def harmonic_load(
+    texts: Sequence[str],
+    scene: Scene,
+    coordinates: Sequence[str],
+    ground_direction: ArrayLike = 1.0,
+) -> tuple[Array, float]:
+    """The amplitude of forces together, shape ``(d,)``, and of the acceleration of the ground.
 
-    `text` is a coordinate or a combination of them, with ``=amplitude`` where that is not 1; or
-    ``ground``, an acceleration of 1, of which `ground_direction` gives the share per coordinate.
+    Each text is a coordinate or a combination of them, with ``=amplitude`` where that is not 1; or
+    ``ground``, an acceleration of which `ground_direction` gives the share per coordinate.
 
     Raises
     ------
     ValueError
         For any other text.
     """
-    where, amplitude = _place_and_amplitude(text)
-    if where == GROUND:
-        along = ground_shares(ground_direction, scene.dimension)
-        return np.asarray(-amplitude * times(along, scene.inertia.form))
-    return np.asarray(amplitude * forms_of([where], coordinates)[0])
+    load, ground = np.zeros(scene.dimension), 0.0
+    for text in texts:
+        where, equals, size = text.partition("=")
+        try:
+            amplitude = float(size) if equals else 1.0
+        except ValueError:
+            amplitude = math.nan
+        if not math.isfinite(amplitude):
+            raise ValueError(f"{text!r}: write a number after =")
+        if where.strip() == GROUND:
+            along = ground_shares(ground_direction, scene.dimension)
+            load -= amplitude * times(along, scene.inertia.form)
+            ground += amplitude
+            continue
+        load += amplitude * linear_form_of(where.strip(), coordinates)
+    return load, ground
 
 
-def ground_amplitude(texts: Sequence[str]) -> float:
-    """The acceleration of the ground among forces, as :func:`harmonic_force` reads them."""
-    pairs = map(_place_and_amplitude, texts)
-    return sum(amplitude for where, amplitude in pairs if where == GROUND)
-
-
-def _place_and_amplitude(text: str) -> tuple[str, float]:
-    where, equals, size = text.partition("=")
+def linear_form_of(text: str, coordinates: Sequence[str]) -> Array:
+    """A coordinate, or a combination of coordinates, as a linear form, ``(d,)``; or ValueError."""
     try:
-        amplitude = float(size) if equals else 1.0
-    except ValueError:
-        amplitude = math.nan
-    if not math.isfinite(amplitude):
-        raise ValueError(f"{text!r}: write a number after =")
-    return where.strip(), amplitude
-
-
-def forms_of(texts: Sequence[str], coordinates: Sequence[str]) -> Array:
-    """Coordinates, or combinations of them, as linear forms, shape ``(k, d)``.
-
-    Raises
-    ------
-    ValueError
-        For texts that are neither.
-    """
-    try:
-        return read_directions(list(texts), coordinates)
+        (form,) = read_directions([text], coordinates)
     except ArgumentError as error:
         raise ValueError(error.message) from None
+    return np.asarray(form)
