@@ -110,7 +110,7 @@ def gradient(
     chosen = known if parameters is None else parameters
     if unknown := [name for name in chosen if name not in known]:
         raise ValueError(
-            f"parameters: {', '.join(map(repr, unknown))}; give some of {', '.join(known)}"
+            f"parameters: {', '.join(map(repr, unknown))} unknown; give some of {', '.join(known)}"
         )
     changes: dict[str, list[Parameter]] = {}
     for name in chosen:
@@ -146,7 +146,7 @@ def _described(subject: Subject) -> Described:
     elif isinstance(problem, Problem):
         scene, names = problem.scene, problem.names
     else:
-        raise ValueError("kind: a derivative has no gradient: it has no motion")
+        raise ValueError(f"scene: a {type(problem).__name__} has no motion, and no gradient")
     if isinstance(subject, Experiment):
         if subject.observations.impacts:
             raise ValueError("impacts: a motion that bounces has no derivatives here")

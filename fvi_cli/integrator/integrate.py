@@ -26,7 +26,6 @@ from fvi_cli.integrator.observe.dampers import damper_values
 from fvi_cli.integrator.observe.impacts import integrate_with_impacts
 from fvi_cli.integrator.observe.observer import observe_runs
 from fvi_cli.integrator.observe.request import (
-    Event,
     Observations,
     check_observable,
     names_of,
@@ -51,7 +50,7 @@ def integrate(
     with_steps: bool = False,
     output: ArrayLike | None = None,
     quantities: Mapping[str, str | float] | None = None,
-    events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
+    events: Mapping[str, str | Mapping[str, object]] | None = None,
     impacts: Mapping[str, Mapping[str, object]] | None = None,
 ) -> Trajectory:
     """Integrate a scene over [0, T].

@@ -95,7 +95,7 @@ def test_gradients_by_numbers_of_the_scene():
     ours, known = (fvi.gradient(make(), "gauss3", 60, quantity, names) for make in (own, formula))
     for name in names:
         assert np.abs(ours[name] - known[name]).max() < 1e-12
-    with pytest.raises(ValueError, match=r"'potential\.depth'; give"):
+    with pytest.raises(ValueError, match=r"'potential\.depth' unknown; give"):
         fvi.gradient(own(), "gauss3", 60, quantity, ["potential.depth"])
 
 

@@ -96,10 +96,8 @@ class Impact:
     restitution: float = 1.0  # e from 0 to 1: the normal velocity is reversed and multiplied by it
 
     def __post_init__(self) -> None:
-        is_number = isinstance(self.restitution, int | float)
-        if not (is_number and 0.0 <= self.restitution <= 1.0):
+        if not 0.0 <= self.restitution <= 1.0:
             raise ValueError(f"restitution: {self.restitution!r} is not allowed; it must be 0 to 1")
-        object.__setattr__(self, "restitution", float(self.restitution))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -174,7 +172,7 @@ def observations(
     *,
     output: ArrayLike | None = None,
     quantities: Mapping[str, str | float] | None = None,
-    events: Mapping[str, str | Event | Mapping[str, object]] | None = None,
+    events: Mapping[str, str | Mapping[str, object]] | None = None,
     impacts: Mapping[str, Mapping[str, object]] | None = None,
     parameters: Mapping[str, float] | None = None,
     further: Sequence[str] = (),
@@ -196,21 +194,17 @@ def observations(
     # a surface is an expression in coordinates and t
     positions = tuple(dict.fromkeys(("t", *coordinates, *(parameters or ()))))
 
-    def read(text: object, place: str, names: tuple[str, ...] = every) -> Expression:
-        if not isinstance(text, str | int | float):
-            raise ValueError(f"{place}: {text!r} is not an expression")
+    def read(text: Any, place: str, names: tuple[str, ...] = every) -> Expression:
         try:
             return Expression.parse(text, variables=names)
         except ValueError as error:
             raise ValueError(f"{place}: {error}") from None
 
-    def change(kind: type[T], given: object, place: str, names: tuple[str, ...] = every) -> T:
-        if isinstance(given, kind):
-            return given
-        rest: dict[str, Any] = dict(given) if isinstance(given, Mapping) else {"when": given}
-        when = read(rest.pop("when", None), f"{place}.when", names)
+    def change(kind: type[T], given: Any, place: str, names: tuple[str, ...] = every) -> T:
+        keys = {"when": given} if isinstance(given, str) else given
+        when = read(keys["when"], f"{place}.when", names)
         try:
-            return kind(when=when, **rest)
+            return kind(**{**keys, "when": when})
         except ValueError as error:
             raise ValueError(f"{place}.{error}") from None
 
