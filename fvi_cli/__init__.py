@@ -10,7 +10,7 @@ import importlib
 import importlib.util
 from typing import TYPE_CHECKING, Any
 
-__version__ = "1.0.0.dev0"
+__version__ = "1.0.0"
 
 if TYPE_CHECKING:
     from fvi_cli.api import *  # noqa: F403
