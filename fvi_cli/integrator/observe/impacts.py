@@ -39,6 +39,7 @@ from fvi_cli.mathematics.lagrange import lobatto_basis
 
 SHORTEST_FLIGHT = 1e-9  # share of T: shorter flights are lost in the round-off of their steps
 MOST_IMPACTS = 10_000  # of a run
+NEGLIGIBLE = 1e-14  # share of the fastest impact: slower motions towards a surface are round-off
 NEAR = 1 / 16  # share of the round-off of the gap, in which a step ends on a surface
 MOST_LANDINGS = 60  # steps that are tried to end on a surface: as many as bisection needs
 
@@ -121,6 +122,7 @@ class Bouncing(Source):
         self.rests_on = ""  # surface on which the motion has come to rest
         self._push: Array | None = None  # change of the momentum before the next step
         self._velocity = scene.initial_velocity  # at the end of the last step
+        self._fastest = 0.0  # speed of an impact so far
         self._reach = np.zeros(scene.dimension)  # displacements in it
         self._time = 0.0
         self._landing: Landing | None = None
@@ -184,10 +186,14 @@ class Bouncing(Source):
             return True
         name, fall = min(found, key=lambda one: one[1].root)
         before = self.times[name][-1] if self.times[name] else -math.inf
-        if path.begin + fall.root * path.size - before <= SHORTEST_FLIGHT * self._end:
-            self.rests_on = name
-        elif fall.root * path.size <= self._shortest:
+        speed = self._surfaces[name].speed(path.position, self._velocity, path.begin)
+        is_here = fall.root * path.size <= self._shortest
+        is_short = path.begin + fall.root * path.size - before <= SHORTEST_FLIGHT * self._end
+        # in a corner surfaces push one after the other
+        if is_here and (speed < -NEGLIGIBLE * self._fastest or not is_short):
             self._meet(name, path.position)
+        elif is_short:
+            self.rests_on = name
         else:
             low, high = fall.top * path.size, min(fall.below, 1.0) * path.size
             size = fall.root * path.size
@@ -235,21 +241,17 @@ class Bouncing(Source):
         return 2.0 * surface.round_off(path.position, reach, path.begin + path.size)
 
     def _meet(self, met: str, position: Array) -> None:
-        """Push the motion off the surfaces that are met here, and begin a flight."""
-        time, here = self._time, dict[str, Surface]()
-        for name, one in sorted(self._surfaces.items()):
-            slack = one.round_off(position, self._reach, time)
-            slack += abs(one.speed(position, self._velocity, time)) * self._shortest
-            if name == met or abs(one.gap(position, time)) <= slack:
-                here[name] = one
-        push, pushing, behind = push_off(self._scene, here, position, self._velocity, time)
+        """Push the motion off a surface that is met here, and begin a flight."""
+        surface = self._surfaces[met]
+        speed = surface.speed(position, self._velocity, self._time)
+        push, behind = push_off(self._scene, surface, position, self._velocity, self._time)
         if not np.isfinite(push).all():
             self._fail(f"the impulse of {met} is not finite")
             return
+        self._fastest = max(self._fastest, -speed)
         self._velocity, self._push = behind, push
         self.pushes[-1] = self.pushes[-1] + push
-        for name in pushing | {met}:
-            self.times[name].append(time)
+        self.times[met].append(self._time)
         if sum(map(len, self.times.values())) > MOST_IMPACTS:
             self._fail(f"more than {MOST_IMPACTS} impacts")
         self._begin_flight(self._power_behind_impact)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -14,8 +13,6 @@ from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import slopes_of
 
 ROUND_OFF = 32 * 2.0**-52  # relative to the terms of g: smaller values count as 0
-MOST_PUSHES = 1000  # in a corner: surfaces at a sharp angle push many times
-NEGLIGIBLE = 1e-14  # share of the first speed towards a surface below which none counts
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,26 +65,15 @@ def start_objection(scene: Scene, surface: Surface) -> str:
 
 
 def push_off(
-    scene: Scene, surfaces: Mapping[str, Surface], position: Array, velocity: Array, time: float
-) -> tuple[Array, set[str], Array]:
-    r"""Change of the momentum by surfaces that are met at once, which push, and velocity behind.
+    scene: Scene, surface: Surface, position: Array, velocity: Array, time: float
+) -> tuple[Array, Array]:
+    r"""Change of the momentum by a surface that pushes, and the velocity behind it, ``(d,)`` both.
 
-    They push one after the other, the one that is met fastest first, until the motion leaves them
-    all, each by :math:`-(1 + e) \dot g\, \nabla g / (\nabla g^T M^{-1} \nabla g)`.
+    The change is :math:`-(1 + e) \dot g\, \nabla g / (\nabla g^T M^{-1} \nabla g)`.
     """
     mass = scene.derivatives(position, velocity, np.array(time)).mass
-    normals = {name: one.slopes(position, time)[0] for name, one in surfaces.items()}
-    moves = {name: np.linalg.solve(mass, normal) for name, normal in normals.items()}
-    weights = {name: normal @ moves[name] for name, normal in normals.items()}
-    total, pushing, fastest = np.zeros_like(velocity), set[str](), 0.0
-    for _ in range(MOST_PUSHES):
-        speeds = {name: one.speed(position, velocity, time) for name, one in surfaces.items()}
-        fastest = fastest or max(0.0, *(-one for one in speeds.values()))
-        name = min(speeds, key=lambda one: speeds[one] / (math.sqrt(weights[one]) or 1.0))
-        if speeds[name] >= -NEGLIGIBLE * fastest:
-            break
-        impulse = -(1.0 + surfaces[name].impact.restitution) * speeds[name] / weights[name]
-        total = total + impulse * normals[name]
-        velocity = velocity + impulse * moves[name]
-        pushing.add(name)
-    return total, pushing, velocity
+    normal, _ = surface.slopes(position, time)
+    moved = np.linalg.solve(mass, normal)
+    speed = min(surface.speed(position, velocity, time), 0.0)
+    impulse = -(1.0 + surface.impact.restitution) * speed / (normal @ moved)
+    return impulse * normal, velocity + impulse * moved
