@@ -6,7 +6,7 @@ import pytest
 import fvi_cli as fvi
 
 TRUTH = {"order": 0.6, "time": 0.3, "relaxed": 5.0e4, "unrelaxed": 4.0e5}
-"""What benchmarks/fit_data.py made the shipped measurements with."""
+"""What tests/oracles/fit_data.py made the shipped measurements with."""
 
 
 @pytest.mark.slow

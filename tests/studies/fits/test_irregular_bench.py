@@ -4,7 +4,7 @@ import itertools
 
 import numpy as np
 
-from benchmarks.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
+from oracles.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.material import halved_mesh

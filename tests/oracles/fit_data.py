@@ -1,4 +1,4 @@
-"""Measurements that nobody made: ``python -m benchmarks.fit_data`` writes them.
+"""Measurements that nobody made: ``python -m tests.oracles.fit_data`` writes them.
 
 A decay, ``2 x'' + 0.9 D^0.62 x + 30 x = 0`` with x(0) = 0.03 and x'(0) = 0, by inverting its
 Laplace transform with mpmath, at irregular times with normal noise of standard deviation 0.0004.
@@ -27,7 +27,7 @@ MOUNTED, RELAXED, UNRELAXED, MOUNT_ORDER, MOUNT_TIME = 4.0, 1.0e4, 8.0e4, 0.6, 0
 MOUNT_DEVIATION, FREQUENCIES, LOWEST, HIGHEST = 0.002, 80, 2.0, 80.0
 BENCH_RELAXED, BENCH_UNRELAXED, BENCH_ORDER, BENCH_TIME = 5.0e4, 4.0e5, 0.6, 0.3
 BENCH_DEVIATION, SAMPLES, BENCH_LAST = 20.0, 121, 6.0
-CONFIGS = Path(__file__).parents[1] / "configs"
+CONFIGS = Path(__file__).parents[2] / "configs"
 
 
 def moved(s: mpmath.mpc) -> mpmath.mpc:
@@ -61,7 +61,7 @@ def decay() -> list[str]:
     """Lines of the decay."""
     drawn = uniform_numbers(20_240_318)
     noise = normal_numbers(drawn)
-    lines = ["# free decay, see benchmarks/fit_data.py", "t,displacement"]
+    lines = ["# free decay, see tests/oracles/fit_data.py", "t,displacement"]
     for index in range(NUMBER):
         time = round((index + 0.8 * next(drawn) + 0.1) * LAST / NUMBER, 4)
         (exact,) = talbot_inverse(moved, [time], largest_frequency=math.sqrt(STIFFNESS / MASS))
@@ -72,7 +72,7 @@ def decay() -> list[str]:
 def response() -> list[str]:
     """Lines of the response."""
     noise = normal_numbers(uniform_numbers(20_240_319))
-    lines = ["# acceleration over force, see benchmarks/fit_data.py", "frequency,real,imaginary"]
+    lines = ["# acceleration over force, see tests/oracles/fit_data.py", "frequency,real,imaginary"]
     for index in range(FREQUENCIES):
         frequency = round(LOWEST * (HIGHEST / LOWEST) ** (index / (FREQUENCIES - 1)), 3)
         exact = acceleration(frequency)
@@ -104,7 +104,7 @@ def bench_forces() -> list[tuple[float, float, float]]:
 def bench() -> list[str]:
     """Lines of the test on the bench."""
     noise = normal_numbers(uniform_numbers(20_240_320))
-    lines = ["# a damper on the bench, see benchmarks/fit_data.py", "t,displacement,force"]
+    lines = ["# a damper on the bench, see tests/oracles/fit_data.py", "t,displacement,force"]
     for time, displacement, force in bench_forces():
         lines.append(f"{time:.2f},{displacement:.7f},{force + BENCH_DEVIATION * next(noise):.2f}")
     return lines
