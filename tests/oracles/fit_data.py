@@ -116,7 +116,6 @@ def main() -> None:
     for name, lines in made.items():
         path = CONFIGS / f"{name}.csv"
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-        print(path)
 
 
 if __name__ == "__main__":

@@ -3,8 +3,8 @@
 import itertools
 
 import numpy as np
-
 from oracles.fit_data import BENCH_RELAXED, BENCH_UNRELAXED, ramp
+
 from fvi_cli.config import parse_config
 from fvi_cli.integrator.gradients.gradient import run_steps
 from fvi_cli.integrator.material import halved_mesh
