@@ -16,7 +16,7 @@ from fvi_cli.scenes.records.inputs import without_places
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import with_values
 
-SOLVER_VERSION: Final = 22
+SOLVER_VERSION: Final = 23
 """Raise it whenever the same run gives other numbers; stored runs are then computed again."""
 
 METHOD_KEYS: Final = ("method", "n_steps")
