@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -232,7 +233,8 @@ class Scene:
     def break_points(self) -> tuple[float, ...]:
         """Times in (0, T) at which the forcing, or a given motion, is not smooth."""
         if self.prescribed is not None:
-            return tuple(t for t in self.prescribed.break_points if t < self.final_time)
+            breaks = self.prescribed.break_points
+            return breaks[: bisect.bisect_left(breaks, self.final_time)]
         if self.forcing is None:
             return ()
         return tuple(t for t in self.forcing.break_points if 0 < t < self.final_time)
