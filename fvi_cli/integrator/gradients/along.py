@@ -19,10 +19,16 @@ from functools import partial
 
 import numpy as np
 
+from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.gradients.disturbance import MEMORY, rate_of_forcing, rate_of_remainder
 from fvi_cli.integrator.gradients.linearised import LinearisedRun, Tangent
 from fvi_cli.integrator.gradients.parameters import Parameter, rule_of
-from fvi_cli.integrator.observe.dampers import damper_along, damper_values, forces_along
+from fvi_cli.integrator.observe.dampers import (
+    damper_alone,
+    damper_along,
+    damper_values,
+    deformation_of,
+)
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.observe.observer import Observer
 from fvi_cli.integrator.observe.request import Observations
@@ -63,8 +69,11 @@ class Along:
             run.scene, parameters, ON_FORCES if is_forced else ("initial_velocity",)
         )
 
-        runs = [run.steps] * len(scenes)
-        self._motion = Motion(scenes, runs, partial(forces_along, scenes, run.method, runs))
+        self._motion = Motion(
+            scenes,
+            [run.steps] * len(scenes),
+            lambda place: self._forces(scenes, place, run.steps.velocity),
+        )
         self._places = self._motion.located(0, times)
         observer = Observer(self._motion, [names] * len(scenes))
         along = observer.along(expression)(*self._places_of(self._motion))
@@ -73,6 +82,13 @@ class Along:
         self._at_fixed_motion = weights @ values
         known = {**names.parameters, **observer.variables(expression, *self._places)}
         self._slopes = slopes_of(expression, known, {*own, *self._dampers})
+
+    def _forces(self, scenes: Sequence[Scene], place: int | None, velocity: Array) -> list[Array]:
+        """Forces of all dampers of scenes, or of one on its deformation."""
+        if place is None:
+            return self._run.forces_of(scenes, velocity)
+        moved = deformation_of(scenes[0], place, velocity)
+        return self._run.forces_of([damper_alone(one, place) for one in scenes], moved)
 
     def _places_of(self, motion: Motion) -> tuple[Places, Array]:
         """The places of the times in the motion of every member."""
@@ -102,8 +118,12 @@ class Along:
         )
         x, v = (np.moveaxis(one, -1, 0) for one in tangent)
         steps = [replace(run.steps, position=x[k], velocity=v[k]) for k in range(p)]
-        scenes = [at_rest] * p
-        motion = Motion(scenes, steps, partial(forces_along, scenes, run.method, steps))
+
+        def forces(place: int | None) -> list[Array]:
+            (found,) = self._forces([at_rest], place, tangent.velocity.swapaxes(2, 3))
+            return list(np.moveaxis(found, 2, 0))
+
+        motion = Motion([at_rest] * p, steps, forces)
         places = self._places_of(motion)
 
         def observed(compute: Callable[[Places, Array], Array]) -> Array:

@@ -16,7 +16,6 @@ from fvi_cli.integrator.balances import loads_along
 from fvi_cli.integrator.gradients.linearised import Disturbance, LinearisedRun
 from fvi_cli.integrator.gradients.parameters import Parameter, by_rule, energy_of
 from fvi_cli.integrator.loads import StepLoads
-from fvi_cli.integrator.observe.dampers import forces_along
 from fvi_cli.mathematics.algebra.builder import derivatives
 from fvi_cli.mathematics.algebra.formulas import FormulaSystem
 from fvi_cli.mathematics.arrays import Array
@@ -46,8 +45,7 @@ def disturbance(run: LinearisedRun, parameters: Sequence[Parameter]) -> Disturba
 
     def of_memory(scenes: list[Scene]) -> Array:
         initial = [_loads_of(run, replace(one, forcing=None), "initial") for one in scenes]
-        forces = forces_along(scenes, run.method, [steps] * len(scenes))
-        every = zip(forces, initial, strict=True)
+        every = zip(run.forces_of(scenes, steps.velocity), initial, strict=True)
         return np.array([own - run.loads_by(0.0 * force, force) for force, own in every])
 
     loads += by_rule(scene, parameters, (*MEMORY, "initial_position"), of_memory)

@@ -14,7 +14,7 @@ Shapes: n steps, p disturbances, d components; m stages of a step, f damping ter
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -66,16 +66,61 @@ class LinearisedRun:
         # those of a scene without damping do nothing
         self.coefficients = np.array(_matrices(scene) or [np.zeros((self.d, self.d))])
         terms = _terms(scene) or [0.0]
-        sizes = steps.step_size
+        self._memory = self._memory_of(terms)
+        self._rows = [self._memory.terms.index(one) for one in terms]
+
+    def _memory_of(self, terms: Sequence[Term]) -> Exponentials:
+        sizes = self.steps.step_size
         shortest = float(sizes.min())
-        self._memory = Exponentials(
-            method,
+        return Exponentials(
+            self.method,
             tuple(dict.fromkeys(terms)),
             shortest_step=shortest,
-            final_time=scene.final_time,
+            final_time=self.scene.final_time,
             steps=float((shortest / sizes).sum()),
         )
-        self._rows = [self._memory.terms.index(one) for one in terms]
+
+    def forces_of(self, scenes: Sequence[Scene], velocity: Array) -> list[Array]:
+        """Forces of the damping of scenes on one motion, or several, at the stages of its steps.
+
+        All from shapes ``(n, m, ..., e)`` to the same: one march of the memory serves all.
+        """
+        terms = [term for one in scenes for term in _terms(one)]
+        if not terms:
+            return [np.zeros_like(velocity) for _ in scenes]
+        memory = self._memory_of(terms)
+        lengths, which = np.unique(self.steps.step_size, return_inverse=True)
+        local, response, intake, change = memory.of_steps(lengths)
+        # beside the motion one with the velocity 1, which terms above order 1 subtract
+        (n, m), k = velocity.shape[:2], len(memory.terms)
+        moved = velocity.reshape(n, m, -1).swapaxes(1, 2)
+        if any(map(_is_relative, memory.terms)):
+            moved = np.concatenate([moved, np.ones((n, 1, m))], axis=1)
+        shape = moved.shape[:2]
+        taken, plain = np.empty((*shape, memory.n_states)), np.empty((*shape, k, m))
+        steps = [which == place for place in range(lengths.size)]
+        for own, each in zip(steps, intake, strict=True):
+            taken[own] = np.tensordot(moved[own], each, axes=(2, 1))
+        path, decay = np.zeros_like(taken), 1.0 + change[which]
+        for before, factor, own, after in zip(path, decay, taken, path[1:], strict=False):
+            np.multiply(factor, before, after)
+            after += own
+        for own, each, by_state in zip(steps, local, response, strict=True):
+            table = memory.weights[:, None] * by_state
+            plain[own] = np.tensordot(path[own], table, axes=(2, 2))
+            plain[own] += np.tensordot(moved[own], each, axes=(2, 2))
+        found = []
+        for one in scenes:
+            total = np.zeros_like(velocity)
+            for term, matrix in zip(_terms(one), _matrices(one), strict=True):
+                force = plain[:, :, memory.terms.index(term)].swapaxes(1, 2)
+                own = force[..., : velocity[0, 0].size].reshape(velocity.shape)
+                if _is_relative(term):
+                    start = np.broadcast_to(one.initial_velocity, velocity.shape[2:])
+                    own = own - np.multiply.outer(force[..., -1], start)
+                total += own @ matrix
+            found.append(total)
+        return found
 
     def loads_by(self, momentum: Array, force: Array) -> Array:
         r"""Load vectors ``(n, s + 1, d)`` of changes of P and of Q - F at the stages.
@@ -156,6 +201,11 @@ class LinearisedRun:
         unknowns, dx, dp = step.solve(x, p, loads.reshape(n, count, t.degree + 1, d))
         velocity = np.matmul(t.to_inputs, unknowns).reshape(n, count, -1)
         return np.concatenate([x + dx, p + dp, velocity], axis=2).swapaxes(1, 2)
+
+
+def _is_relative(term: Term) -> bool:
+    """Whether a term is a damper above order 1, which acts on the change of the velocity."""
+    return isinstance(term, float) and term < 0.0
 
 
 def _terms(scene: Scene) -> list[Term]:

@@ -155,8 +155,8 @@ def parameter_of(
         names.
     """
     ends = value + DIFFERENCE * (abs(value) or 1.0) * np.array([1.0, -1.0])
-    sides = [family(float(end)) for end in ends]
-    if any(_form(*one) != _form(*described) for one in sides):
+    sides, form = [family(float(end)) for end in ends], _form(*described)
+    if any(_form(*one) != form for one in sides):
         raise ValueError(
             f"{name}: the scene has another form near {value:g}; what changes in formulas must be "
             "a parameter with a name"

@@ -28,7 +28,6 @@ from fvi_cli.effects.laws import Law
 from fvi_cli.effects.matrices import is_sparse, sparse_unit, times
 from fvi_cli.effects.scene import Scene
 from fvi_cli.integrator.balances import damping_along
-from fvi_cli.integrator.memory.damping import pattern_of
 from fvi_cli.integrator.method import Method
 from fvi_cli.integrator.observe.motion import Motion
 from fvi_cli.integrator.steps import RunSteps
@@ -118,7 +117,7 @@ def forces_along(
     runs: Sequence[RunSteps],
     damper: int | None = None,
 ) -> list[Array]:
-    """Forces with memory at the stages of runs on one mesh, ``(n, r, d)``.
+    """Forces with memory at the stages of runs of one kind on one mesh, ``(n, r, d)``.
 
     For the place of a damper its force on its deformation, ``(n, r, c)``. Runs may end early.
     """
@@ -129,9 +128,8 @@ def forces_along(
         ]
         scenes = [damper_alone(scene, damper) for scene in scenes]
     found = [np.zeros_like(run.velocity) for run in runs]
-    kinds = [(run.n_steps, pattern_of(one)) for one, run in zip(scenes, runs, strict=True)]
-    for kind in {one for one in kinds if all(one)}:
-        own = [k for k, one in enumerate(kinds) if one == kind]
+    for count in {run.n_steps for run in runs} - {0}:
+        own = [k for k, run in enumerate(runs) if run.n_steps == count]
         along = damping_along([scenes[k] for k in own], method, [runs[k] for k in own])
         if along is not None:
             with np.errstate(all="ignore"):

@@ -76,7 +76,7 @@ class Profile:
         if value not in self._found:
             start = self._expected(value)
             found = least_squares_from(
-                self._model, start, most=30, tolerance=1e-3, fixed=self._index
+                self._model, start, most=30, tolerance=3e-3, fixed=self._index
             )
             if found.message:
                 raise RunFailedError(found.message)

@@ -110,7 +110,7 @@ def search(model: MotionModel) -> Array:
     parts = [MotionModel(model.model, replace(model.settings, data=d)) for d in _windows(model)]
     scan = _scan(model)
     costs = [_cost(parts[0], point) for point in scan]
-    best = [scan[number] for number in np.argsort(costs)[:3] if costs[number] < math.inf]
+    best = [scan[number] for number in np.argsort(costs)[:1] if costs[number] < math.inf]
     chosen: list[Array] = [model.start, *best]
     for one in parts:
         chosen = _minima(one, chosen, most=7 if one is not parts[-1] else 20)
@@ -118,7 +118,7 @@ def search(model: MotionModel) -> Array:
 
 
 def _minima(model: MotionModel, starts: Iterable[Array], most: int) -> list[Array]:
-    """At most three minima from some starts, the best first, each once."""
+    """At most two minima from some starts, the best first, each once."""
     every, kept = list[Found](), list[Array]()
     for start in starts:
         with contextlib.suppress(RunFailedError):
@@ -128,7 +128,7 @@ def _minima(model: MotionModel, starts: Iterable[Array], most: int) -> list[Arra
             kept.append(one.point)
     if not kept:
         raise RunFailedError("every run near the starting values fails")
-    return kept[:3]
+    return kept[:2]
 
 
 def _windows(model: MotionModel) -> list[tuple[DataSet, ...]]:
