@@ -31,8 +31,8 @@ from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, wrong_argument
 from fvi_cli.scenes.keys.values import plain
 from fvi_cli.scenes.kinds.kind import Kind
 from fvi_cli.scenes.problem import AnyProblem, DerivativeProblem, Problem
-from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment
+from fvi_cli.studies.settings import Accuracy
 
 FEWEST_STAGES: Final = 2  # with a tolerance
 MOST_STAGES: Final = LARGEST_DEGREE - 2  # the second run, for the estimate, has two more

@@ -13,8 +13,8 @@ from fvi_cli.scenes.keys.mistakes import KeyPath, Wrong, first_mistake
 from fvi_cli.scenes.keys.values import BY_FORM
 from fvi_cli.scenes.problem import AnyProblem
 from fvi_cli.studies.experiment import Experiment, FigureKind
-from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.members import Member
+from fvi_cli.studies.settings import FigureSettings
 
 _NEEDS: Final = {
     "section": "events: {turn: {when: vx, direction: falling}}",

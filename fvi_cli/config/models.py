@@ -29,12 +29,10 @@ from fvi_cli.scenes.keys.values import (
     key,
 )
 from fvi_cli.scenes.registry import AnyKind
-from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import FigureKind
-from fvi_cli.studies.figure_settings import EXAMPLE as FIGURE_EXAMPLE
-from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.norms import Norm
-from fvi_cli.studies.stability_settings import StabilitySettings
+from fvi_cli.studies.settings import EXAMPLE as FIGURE_EXAMPLE
+from fvi_cli.studies.settings import Accuracy, FigureSettings, StabilitySettings
 
 MOST_STEPS: Final = 2**30
 MOST_TIMES: Final = 10_000_000

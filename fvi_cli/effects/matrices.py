@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from fvi_cli.errors import ArgumentError
 from fvi_cli.mathematics.arrays import Array, Places
-from fvi_cli.mathematics.definite import singular_words
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_array, csr_array
@@ -24,6 +23,9 @@ LEAST_SPARSE = 32
 """Rows from which on a matrix may be worth keeping as sparse."""
 SPARSE_DENSITY = 0.1
 """A matrix with a smaller share of nonzero entries is kept as sparse."""
+LEAST_SCALED = 1e-14
+"""Least eigenvalue of a positive definite matrix with unit diagonal, over its number of rows: below
+that it is singular up to round-off."""
 
 
 class SparseMatrix(Protocol):
@@ -250,7 +252,7 @@ def negative_pivots(matrix: SparseMatrix) -> int:
 def indefinite_words(matrix: Form) -> str:
     """Why a symmetric matrix is not positive definite, a dense one beyond its round-off."""
     if isinstance(matrix, np.ndarray):
-        return singular_words(matrix)
+        return _singular_words(matrix)
     wrong = "an eigenvalue is zero or negative; a mass must be positive definite"
     return wrong if negative_pivots(matrix) else ""
 
@@ -268,3 +270,30 @@ def is_semidefinite(matrix: Form) -> bool:
         return bool(np.linalg.eigvalsh(matrix)[0] >= -SEMIDEFINITE_TOLERANCE * largest)
     slack = SEMIDEFINITE_TOLERANCE * largest * sparse_unit(matrix.shape[0])
     return negative_pivots(matrix + slack) == 0
+
+
+def _least_scaled_eigenvalue(matrix: Array) -> Array:
+    """Least eigenvalues of symmetric matrices whose diagonals are scaled to 1, ``(..., d, d)``.
+
+    The result does not depend on the units of the coordinates. It is not positive where an entry of
+    the diagonal is not positive.
+    """
+    diagonal = np.diagonal(matrix, axis1=-2, axis2=-1)
+    least = diagonal.min(axis=-1)
+    root = np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    scaled = matrix / root[..., :, None] / root[..., None, :]
+    return np.where(least > 0, np.linalg.eigvalsh(scaled)[..., 0], np.minimum(least, 0.0))
+
+
+def _singular_words(matrix: Array) -> str:
+    """Why a matrix is not positive definite beyond round-off; empty where it is."""
+    if matrix.size == 1 and matrix[0, 0] > 0:
+        # sweeps have many masses of one coordinate
+        return ""
+    least = float(_least_scaled_eigenvalue(matrix))
+    if least > LEAST_SCALED * len(matrix):
+        return ""
+    return (
+        f"its smallest eigenvalue is {least:.2g} where its diagonal is scaled to 1; a mass must be "
+        "positive definite: give every motion a mass, or take its coordinate away"
+    )

@@ -31,7 +31,7 @@ from fvi_cli.plotting.kinds.planes import (
 from fvi_cli.plotting.panels import NothingToDraw
 from fvi_cli.scenes.problem import DerivativeProblem
 from fvi_cli.studies.experiment import Experiment, FinishedRun
-from fvi_cli.studies.figure_settings import FigureSettings
+from fvi_cli.studies.settings import FigureSettings
 
 _DRAWINGS: Mapping[str, Callable[[Experiment, Sequence[FinishedRun]], Figure]] = {
     "convergence": sweep_convergence_figure,

@@ -12,7 +12,7 @@ from fvi_cli.reports.columns import member_columns
 from fvi_cli.scenes.problem import Problem
 from fvi_cli.storage.fields import COUNTS, FIELDS, extents_in, values_of
 from fvi_cli.studies.experiment import Experiment, FinishedRun
-from fvi_cli.studies.figure_settings import EXTENTS
+from fvi_cli.studies.settings import EXTENTS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,12 +17,10 @@ from fvi_cli.integrator.method import AnyMethod, Method
 from fvi_cli.integrator.observe.request import Observations
 from fvi_cli.integrator.trajectory import Trajectory
 from fvi_cli.scenes.problem import AnyProblem
-from fvi_cli.studies.accuracy_settings import Accuracy
-from fvi_cli.studies.figure_settings import FigureSettings
 from fvi_cli.studies.fits.settings import FitSettings
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import Measured, Norm
-from fvi_cli.studies.stability_settings import USUAL, StabilitySettings
+from fvi_cli.studies.settings import Accuracy, FigureSettings, StabilitySettings
 
 T = TypeVar("T")
 Observed = Literal["ok", "floor", "diverged", "failed", "refused"]
@@ -84,7 +81,7 @@ class Experiment:
     """Which figures to draw: ``convergence``, ``trajectory``, or something against a swept key."""
     members: tuple[Member, ...] = ()
     """The members of a sweep; empty: the experiment has one problem."""
-    stability: StabilitySettings = USUAL
+    stability: StabilitySettings = field(default_factory=StabilitySettings)
     """What ``fvi stability`` computes in addition to the verdicts on the runs."""
     diagnostics: bool = False
     """What is computed and stored with every trajectory."""
@@ -256,11 +253,6 @@ class Run(Subject):
         """The run in one line."""
         title = f"{self.experiment.name} {self.method_label}, N={self.n_steps}"
         return title if self.member is None else f"{title} ({self.member.label})"
-
-    def specification(self) -> dict[str, Any]:
-        """All settings that determine the numbers, as JSON values."""
-        problem = json.loads(json.dumps(self.problem_specification))
-        return {"problem": problem, **self.settings()}
 
     def settings(self) -> dict[str, Any]:
         """What determines the numbers apart from the problem, as JSON values."""

@@ -13,10 +13,10 @@ import numpy as np
 from fvi_cli.effects.scene import Scene
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.scenes.problem import AnyProblem
-from fvi_cli.studies.accuracy_settings import Accuracy
 from fvi_cli.studies.experiment import Experiment, Run
 from fvi_cli.studies.members import Member
 from fvi_cli.studies.norms import round_up
+from fvi_cli.studies.settings import Accuracy
 from fvi_cli.studies.tolerance.search import solve_by_two_runs
 
 NEARLY_EXACT: Final = Accuracy(relative=2e-14)

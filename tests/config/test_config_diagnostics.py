@@ -26,7 +26,7 @@ def test_runs_without_diagnostics_keep_their_identity():
         for text in (bare, empty, KEPLER)
     ]
     assert identities[0] == identities[1] != identities[2]
-    specification = parse_config(bare, "p.yaml").experiments[0].runs()[0].specification()
+    specification = parse_config(bare, "p.yaml").experiments[0].runs()[0].settings()
     assert "diagnostics" not in specification
 
 

@@ -53,7 +53,7 @@ def test_expressions_with_parameters_and_the_run(tmp_path):
     assert np.abs(trajectory.observed.quantities["spring"] - spring).max() < 1e-13
     # other values are other runs
     runs = [
-        one.experiments[0].runs()[0].specification()
+        one.experiments[0].runs()[0].settings()
         for one in (
             config,
             _load(tmp_path, text, "quantities.spring=k*y"),

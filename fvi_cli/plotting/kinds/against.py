@@ -22,7 +22,7 @@ from fvi_cli.reports.kinds.ensembles import ensembles
 from fvi_cli.reports.naming import key_label, with_unit
 from fvi_cli.scenes.registry import build_scene
 from fvi_cli.studies.experiment import Experiment, FinishedRun, finest_of_members
-from fvi_cli.studies.figure_settings import FigureSettings
+from fvi_cli.studies.settings import FigureSettings
 
 _WORDS = {"peak": "peak of {}", "rms": "RMS of {}", "least": "least {}", "greatest": "greatest {}"}
 _OF_PERIOD = ("problem.mass", "problem.stiffness")

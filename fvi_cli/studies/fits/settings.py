@@ -12,8 +12,6 @@ import numpy as np
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.expressions import Expression
 
-PARTS = ("magnitude", "phase", "real", "imaginary")
-"""Parts of an amplitude that can be measured; phases in degrees."""
 INSIDE = 1e-6
 """Distance from a bound at which a parameter counts as lying there, relative to the range."""
 
@@ -26,7 +24,7 @@ class Amplitude:
     """The linear form of the coordinates that was measured, shape ``(d,)``."""
     rate: int  # 0: the form itself; 1: its velocity; 2: its acceleration
     part: str
-    """One of :data:`PARTS`."""
+    """``magnitude``, ``phase`` in degrees, ``real`` or ``imaginary``."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +33,7 @@ class Series:
 
     name: str
     """What was measured: a coordinate, its name after ``v`` for a velocity, a quantity or an
-    expression; for a response also one of :data:`PARTS`."""
+    expression; for a response also the part."""
     column: str  # its column in the file
     times: Array
     values: Array

@@ -24,7 +24,7 @@ from fvi_cli.integrator.meshes.looks import has_kinks, is_steep
 from fvi_cli.integrator.trajectory import Assessment, Trajectory
 from fvi_cli.mathematics.threads import in_one_thread
 from fvi_cli.scenes.keys.mistakes import first_mistake
-from fvi_cli.studies.accuracy_settings import Accuracy
+from fvi_cli.studies.settings import Accuracy
 from fvi_cli.studies.tolerance.errors import between_points, differences_of
 from fvi_cli.studies.tolerance.runs import (
     COARSEST,
