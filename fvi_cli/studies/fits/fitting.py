@@ -12,7 +12,7 @@ from fvi_cli.integrator.gradients.gradient import RunFailedError
 from fvi_cli.mathematics.arrays import Array
 from fvi_cli.mathematics.threads import in_one_thread
 from fvi_cli.studies.fits.intervals import estimates
-from fvi_cli.studies.fits.model import TOLERANCES, MotionModel
+from fvi_cli.studies.fits.model import TOLERANCES, Evaluation, MotionModel
 from fvi_cli.studies.fits.result import Estimate, ModelFit, SeriesFit
 from fvi_cli.studies.fits.search import Found, least_squares_from, search
 from fvi_cli.studies.fits.settings import FitModel, FitSettings
@@ -81,7 +81,11 @@ def _weighted(model: MotionModel, point: Array) -> Found:
         ratios = [float(new / old) for new, old in pairs]
         if max(ratios) < (1.0 + ENOUGH) * min(ratios):
             # the columns weigh as before
-            return replace(best, at=model.evaluate(point))
+            factors, at = np.repeat(ratios, model.sizes), best.at
+            at = Evaluation(
+                residuals=at.residuals / factors, jacobian=at.jacobian / factors[:, None]
+            )
+            return replace(best, at=at)
     return best
 
 
