@@ -79,8 +79,12 @@ def least_squares_from(
 
     begin = np.clip(start[free], low, high)
     first = at(begin)
-    if not free.size:
-        return Found(point=start, at=first)
+    whole, slopes = start.copy(), first.jacobian[:, free]
+    whole[free] = begin
+    # what the linear model promises may not be worth a step
+    promised = slopes @ np.linalg.lstsq(slopes, first.residuals, rcond=None)[0]
+    if promised @ promised < tolerance**2 * first.cost:
+        return Found(point=whole, at=first)
     with np.errstate(all="ignore"):
         done = least_squares(
             residuals,
