@@ -155,7 +155,7 @@ def _cost(model: MotionModel, point: Array) -> float:
 def _scan(model: MotionModel) -> Array:
     """Points over likely values: between the bounds, or a factor of ten around the start."""
     count, (low, high) = len(model.free), model.bounds
-    shares = np.random.default_rng(0).uniform(size=(8 + 4 * count, count))
+    shares = np.random.default_rng(0).uniform(size=(4 + 2 * count, count))
     with np.errstate(invalid="ignore"):
         between = low + shares * (high - low)
     near = np.clip(model.start * 10.0 ** (2.0 * shares - 1.0), low, high)
