@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 
 import numpy as np
@@ -20,7 +21,7 @@ CHUNK_OCTAVES, LARGEST_CHUNK = 14, 2**17
 """Most steps whose loads are computed together, as a power of 2, and most numbers in these."""
 
 
-class Source:
+class Source(ABC):
     """Steps for the loop."""
 
     n_steps = 0  # number of the steps that are reported
@@ -28,9 +29,9 @@ class Source:
     failure = ""  # why it proposes no more steps; empty: all are done
     pushes: Sequence[Array] = ()  # by impacts on the momentum, (d,) at every point
 
+    @abstractmethod
     def propose(self, engine: Engine, state: State) -> Stretch | None:
         """The next steps; None at the end."""
-        raise NotImplementedError
 
     def accepts(self, engine: Engine, state: State, steps: Steps) -> bool:
         """Whether solved steps that begin at `state` are part of the run."""

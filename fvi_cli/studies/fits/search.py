@@ -83,7 +83,7 @@ def least_squares_from(
     whole[free] = begin
     # what the linear model promises may not be worth a step
     promised = slopes @ np.linalg.lstsq(slopes, first.residuals, rcond=None)[0]
-    if promised @ promised < tolerance**2 * first.cost:
+    if promised @ promised <= tolerance**2 * first.cost:
         return Found(point=whole, at=first)
     with np.errstate(all="ignore"):
         done = least_squares(
@@ -97,10 +97,9 @@ def least_squares_from(
             gtol=1e-14,
             max_nfev=most,
         )
-    point = start.copy()
-    point[free] = done.x
+    whole[free] = done.x
     message = "" if done.status > 0 else str(done.message).rstrip(".")
-    return Found(point=point, at=at(done.x), message=message)
+    return Found(point=whole, at=at(done.x), message=message)
 
 
 def search(model: MotionModel) -> Array:
